@@ -1,0 +1,94 @@
+#include "runtime/threads.h"
+
+#include <omp.h>
+
+#include <atomic>
+#include <exception>
+#include <mutex>
+#if defined(__x86_64__)
+#include <xmmintrin.h>
+#endif
+
+namespace slide {
+namespace {
+
+std::atomic<int> wanted_threads{0};
+
+/// The floating-point control word: MXCSR on x86-64, FPCR on AArch64.
+std::uint64_t float_mode() noexcept {
+#if defined(__x86_64__)
+  return _mm_getcsr();
+#elif defined(__aarch64__)
+  std::uint64_t mode;
+  __asm__ volatile("mrs %0, fpcr" : "=r"(mode));
+  return mode;
+#else
+  return 0;
+#endif
+}
+
+void set_float_mode(std::uint64_t mode) noexcept {
+#if defined(__x86_64__)
+  _mm_setcsr(static_cast<unsigned>(mode));
+#elif defined(__aarch64__)
+  __asm__ volatile("msr fpcr, %0" : : "r"(mode));
+#else
+  (void)mode;
+#endif
+}
+
+constexpr std::uint64_t kFlushBits =
+#if defined(__x86_64__)
+    0x8040;  // FTZ and DAZ
+#elif defined(__aarch64__)
+    std::uint64_t{1} << 24;  // FZ
+#else
+    0;
+#endif
+
+}  // namespace
+
+int thread_count() noexcept {
+  const int wanted = wanted_threads.load();
+  return wanted > 0 ? wanted : omp_get_max_threads();
+}
+
+void set_thread_count(int count) noexcept { wanted_threads = count; }
+
+int thread_index() noexcept { return omp_get_thread_num(); }
+
+void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body) {
+  if (n <= 0) return;
+  if (n == 1 || thread_count() == 1 || omp_in_parallel() != 0) {
+    for (std::int64_t i = 0; i < n; ++i) body(i);
+    return;
+  }
+  std::exception_ptr failure;
+  std::mutex failure_mutex;
+  std::atomic<bool> failed{false};
+  const std::uint64_t mode = float_mode();
+#pragma omp parallel num_threads(thread_count())
+  {
+    const std::uint64_t worker_mode = float_mode();
+    set_float_mode(mode);
+#pragma omp for schedule(dynamic, 1)
+    for (std::int64_t i = 0; i < n; ++i) {
+      if (failed) continue;
+      try {
+        body(i);
+      } catch (...) {
+        const std::scoped_lock lock(failure_mutex);
+        if (!failure) failure = std::current_exception();
+        failed = true;
+      }
+    }
+    set_float_mode(worker_mode);
+  }
+  if (failure) std::rethrow_exception(failure);
+}
+
+FlushDenormals::FlushDenormals() noexcept : saved_(float_mode()) { set_float_mode(saved_ | kFlushBits); }
+
+FlushDenormals::~FlushDenormals() { set_float_mode(saved_); }
+
+}  // namespace slide
