@@ -23,7 +23,8 @@ std::string list_of_available() {
 void require_available(Isa isa, const std::string& origin) {
   const std::vector<Isa> all = available_isas();
   if (std::find(all.begin(), all.end(), isa) == all.end())
-    throw Error(ErrorKind::kUsage, origin + " asks for " + std::string(name_of(isa)) + ", which this CPU does not run",
+    throw Error(ErrorKind::kUsage,
+                origin + " asks for " + std::string(name_of(isa)) + ", which this CPU does not run",
                 "available: " + list_of_available());
 }
 
@@ -55,7 +56,8 @@ Isa detected_isa() noexcept {
 std::vector<Isa> available_isas() {
   if (detected_isa() == Isa::kNeon) return {Isa::kBaseline, Isa::kNeon};
   std::vector<Isa> all;
-  for (int level = 0; level <= static_cast<int>(detected_isa()); ++level) all.push_back(static_cast<Isa>(level));
+  for (int level = 0; level <= static_cast<int>(detected_isa()); ++level)
+    all.push_back(static_cast<Isa>(level));
   return all;
 }
 

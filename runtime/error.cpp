@@ -4,12 +4,18 @@ namespace slide {
 
 int exit_code(ErrorKind kind) noexcept {
   switch (kind) {
-    case ErrorKind::kUsage: return 2;
-    case ErrorKind::kBadInput: return 3;
-    case ErrorKind::kBadWeights: return 4;
-    case ErrorKind::kOutOfMemory: return 5;
-    case ErrorKind::kInternal: return 6;
-    case ErrorKind::kCancelled: return 130;
+    case ErrorKind::kUsage:
+      return 2;
+    case ErrorKind::kBadInput:
+      return 3;
+    case ErrorKind::kBadWeights:
+      return 4;
+    case ErrorKind::kOutOfMemory:
+      return 5;
+    case ErrorKind::kInternal:
+      return 6;
+    case ErrorKind::kCancelled:
+      return 130;
   }
   return 6;
 }

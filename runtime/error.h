@@ -20,7 +20,8 @@ enum class ErrorKind {
 [[nodiscard]] int exit_code(ErrorKind kind) noexcept;
 
 /// The one exception type of the library.
-/// `what()` is one sentence that names the file, tensor, offset or flag, followed by the remedy where there is one.
+/// `what()` is one sentence that names the file, tensor, offset or flag, followed by the remedy where there
+/// is one.
 class Error : public std::runtime_error {
  public:
   /// @param kind     category

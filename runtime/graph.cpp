@@ -6,7 +6,8 @@ namespace slide {
 
 const Shape& Value::shape() const { return graph_->node(node_).shape; }
 
-Graph::Scope::Scope(Graph& graph, std::string_view name) : graph_(graph), saved_length_(graph.prefix_.size()) {
+Graph::Scope::Scope(Graph& graph, std::string_view name)
+    : graph_(graph), saved_length_(graph.prefix_.size()) {
   graph.prefix_.append(name).push_back('.');
 }
 
@@ -31,8 +32,8 @@ Value Graph::parameter(std::string_view name, const Shape& shape) {
   if (known == by_name_.end()) return append({NodeKind::kParameter, full(name), shape, nullptr, {}, {}});
   const Node& node = nodes_[static_cast<std::size_t>(known->second)];
   if (node.kind != NodeKind::kParameter || node.shape != shape)
-    throw Error(ErrorKind::kInternal, "the parameter " + full(name) + " was declared as " + node.shape.text() +
-                                          " and is now asked for as " + shape.text());
+    throw Error(ErrorKind::kInternal, "the parameter " + full(name) + " was declared as " +
+                                          node.shape.text() + " and is now asked for as " + shape.text());
   return {*this, known->second};
 }
 
@@ -48,7 +49,8 @@ Value Graph::add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs)
   std::vector<Shape> shapes;
   std::vector<int> indices;
   for (const Value& v : inputs) {
-    if (&v.graph() != this) throw Error(ErrorKind::kInternal, "layer " + name + ": an input is of another graph");
+    if (&v.graph() != this)
+      throw Error(ErrorKind::kInternal, "layer " + name + ": an input is of another graph");
     shapes.push_back(v.shape());
     indices.push_back(v.node());
   }
@@ -61,7 +63,9 @@ Value Graph::add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs)
   return append({NodeKind::kOp, std::move(name), shape, std::move(op), std::move(indices), {}});
 }
 
-void Graph::output(std::string_view name, Value value) { outputs_.emplace_back(std::string(name), value.node()); }
+void Graph::output(std::string_view name, Value value) {
+  outputs_.emplace_back(std::string(name), value.node());
+}
 
 void Graph::tap(std::string_view name, Value value) {
   if (!taps_.emplace(full(name), value.node()).second)

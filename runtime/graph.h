@@ -44,8 +44,9 @@ struct Node {
   Tensor constant;               ///< kConstant only; F64
 };
 
-/// A static directed acyclic graph of tensor operations, built by calling functions (ops/*). Nodes are in the order
-/// in which they were added, which is an order they can run in. Shapes are known and checked as each node is added.
+/// A static directed acyclic graph of tensor operations, built by calling functions (ops/*). Nodes are in the
+/// order in which they were added, which is an order they can run in. Shapes are known and checked as each
+/// node is added.
 class Graph {
  public:
   Graph() = default;
@@ -73,13 +74,14 @@ class Graph {
   Value parameter(std::string_view name, const Shape& shape);
   /// A fixed F64 tensor.
   Value constant(std::string_view name, Tensor value);
-  /// The result of an operator. The node is named after the scope and the operator's type, numbered if needed.
-  /// Throws Error(kInternal) naming the layer and the shapes that do not fit.
+  /// The result of an operator. The node is named after the scope and the operator's type, numbered if
+  /// needed. Throws Error(kInternal) naming the layer and the shapes that do not fit.
   Value add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs);
 
   /// Declares a result of the graph, under a name (not prefixed by the scope).
   void output(std::string_view name, Value value);
-  /// Gives a value a second name by which tools can find it: the authors' module that makes it. Prefixed by the scope.
+  /// Gives a value a second name by which tools can find it: the authors' module that makes it. Prefixed by
+  /// the scope.
   void tap(std::string_view name, Value value);
 
   [[nodiscard]] const std::vector<Node>& nodes() const noexcept { return nodes_; }

@@ -19,8 +19,9 @@ const Tensor& checked_input(const Node& node, const NamedTensors& inputs) {
   const auto it = inputs.find(node.name);
   if (it == inputs.end()) throw Error(ErrorKind::kInternal, "the input " + node.name + " was not given");
   if (it->second.shape() != node.shape)
-    throw Error(ErrorKind::kInternal, "the input " + node.name + " has the shape " + it->second.shape().text() +
-                                          ", the graph was built for " + node.shape.text());
+    throw Error(ErrorKind::kInternal, "the input " + node.name + " has the shape " +
+                                          it->second.shape().text() + ", the graph was built for " +
+                                          node.shape.text());
   return it->second;
 }
 

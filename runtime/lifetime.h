@@ -7,12 +7,12 @@
 
 namespace slide {
 
-/// For each node the index of the last node that reads it; the number of nodes for outputs, which live on; the
-/// node's own index if nothing reads it.
+/// For each node the index of the last node that reads it; the number of nodes for outputs, which live on;
+/// the node's own index if nothing reads it.
 [[nodiscard]] std::vector<int> last_uses(const Graph& graph);
 
-/// The caller's tensor for an input node. Throws Error(kInternal) if it is missing or its shape is not the declared
-/// one.
+/// The caller's tensor for an input node. Throws Error(kInternal) if it is missing or its shape is not the
+/// declared one.
 [[nodiscard]] const Tensor& checked_input(const Node& node, const NamedTensors& inputs);
 
 }  // namespace slide

@@ -27,9 +27,14 @@ void ReferenceExecutor::run(const NamedTensors& inputs, const std::set<std::stri
     if (options.progress && !options.progress({i, total, node.name}))
       throw Error(ErrorKind::kCancelled, "cancelled before layer " + node.name);
     switch (node.kind) {
-      case NodeKind::kInput: result = checked_input(node, inputs).to(DType::kF64); break;
-      case NodeKind::kParameter: break;  // widened where used
-      case NodeKind::kConstant: result = node.constant; break;
+      case NodeKind::kInput:
+        result = checked_input(node, inputs).to(DType::kF64);
+        break;
+      case NodeKind::kParameter:
+        break;  // widened where used
+      case NodeKind::kConstant:
+        result = node.constant;
+        break;
       case NodeKind::kOp: {
         std::vector<Tensor> arguments;
         double bytes = static_cast<double>(node.shape.count()) * sizeof(double);
@@ -58,7 +63,8 @@ void ReferenceExecutor::run(const NamedTensors& inputs, const std::set<std::stri
 }
 
 const Tensor& ReferenceExecutor::tensor(int node) const {
-  if (node < 0 || static_cast<std::size_t>(node) >= results_.size() || results_[static_cast<std::size_t>(node)].empty())
+  if (node < 0 || static_cast<std::size_t>(node) >= results_.size() ||
+      results_[static_cast<std::size_t>(node)].empty())
     throw Error(ErrorKind::kInternal, "the tensor of node " + std::to_string(node) + " was not kept");
   return results_[static_cast<std::size_t>(node)];
 }

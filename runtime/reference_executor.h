@@ -9,17 +9,17 @@
 
 namespace slide {
 
-/// Runs every node of a graph in float64 with its operator's definition, one after the other. It is the judge of all
-/// fast kernels. Weights are widened to float64 as they are used, and results are dropped after their last use
-/// unless they are to be kept.
+/// Runs every node of a graph in float64 with its operator's definition, one after the other. It is the judge
+/// of all fast kernels. Weights are widened to float64 as they are used, and results are dropped after their
+/// last use unless they are to be kept.
 class ReferenceExecutor {
  public:
   /// Binds the weights. Throws Error(kBadWeights) if they do not fit. The graph must outlive the executor.
   ReferenceExecutor(const Graph& graph, const WeightSource& weights);
 
-  /// Runs the graph. `keep` names outputs, taps or nodes whose tensors tensor() can hand out afterwards; outputs are
-  /// always kept. With `keep_all` every node's is. Inputs may be of any floating dtype; Error(kInternal) if one is
-  /// missing or has another shape than declared.
+  /// Runs the graph. `keep` names outputs, taps or nodes whose tensors tensor() can hand out afterwards;
+  /// outputs are always kept. With `keep_all` every node's is. Inputs may be of any floating dtype;
+  /// Error(kInternal) if one is missing or has another shape than declared.
   void run(const NamedTensors& inputs, const std::set<std::string>& keep = {}, bool keep_all = false,
            const RunOptions& options = {});
 

@@ -28,7 +28,9 @@ struct NodeProfile {
   double macs;   ///< of the definition, see Op::macs
   double bytes;  ///< read and written at least once: inputs + output
   [[nodiscard]] double gflops() const noexcept { return seconds > 0 ? 2e-9 * macs / seconds : 0; }
-  [[nodiscard]] double gigabytes_per_second() const noexcept { return seconds > 0 ? 1e-9 * bytes / seconds : 0; }
+  [[nodiscard]] double gigabytes_per_second() const noexcept {
+    return seconds > 0 ? 1e-9 * bytes / seconds : 0;
+  }
 };
 
 using Profile = std::vector<NodeProfile>;

@@ -21,7 +21,8 @@ class Shape {
   explicit Shape(std::span<const std::int64_t> extents);
 
   [[nodiscard]] int rank() const noexcept { return rank_; }
-  /// Extent of an axis; a negative axis counts from the end. Throws Error(kInternal) if there is no such axis.
+  /// Extent of an axis; a negative axis counts from the end. Throws Error(kInternal) if there is no such
+  /// axis.
   [[nodiscard]] std::int64_t operator[](int axis) const;
   /// The number of elements.
   [[nodiscard]] std::int64_t count() const noexcept { return count_; }

@@ -22,16 +22,26 @@ double element(const Tensor& t, std::size_t i) {
     return value;
   };
   switch (t.dtype()) {
-    case DType::kF64: return load(double{});
-    case DType::kF32: return static_cast<double>(load(float{}));
-    case DType::kF16: return static_cast<double>(float_from_half(load(std::uint16_t{})));
-    case DType::kBF16: return static_cast<double>(float_from_bfloat16(load(std::uint16_t{})));
-    case DType::kI64: return static_cast<double>(load(std::int64_t{}));
-    case DType::kI32: return static_cast<double>(load(std::int32_t{}));
-    case DType::kI16: return static_cast<double>(load(std::int16_t{}));
-    case DType::kI8: return static_cast<double>(load(std::int8_t{}));
-    case DType::kU8: return static_cast<double>(load(std::uint8_t{}));
-    case DType::kBool: return load(std::uint8_t{}) != 0 ? 1.0 : 0.0;
+    case DType::kF64:
+      return load(double{});
+    case DType::kF32:
+      return static_cast<double>(load(float{}));
+    case DType::kF16:
+      return static_cast<double>(float_from_half(load(std::uint16_t{})));
+    case DType::kBF16:
+      return static_cast<double>(float_from_bfloat16(load(std::uint16_t{})));
+    case DType::kI64:
+      return static_cast<double>(load(std::int64_t{}));
+    case DType::kI32:
+      return static_cast<double>(load(std::int32_t{}));
+    case DType::kI16:
+      return static_cast<double>(load(std::int16_t{}));
+    case DType::kI8:
+      return static_cast<double>(load(std::int8_t{}));
+    case DType::kU8:
+      return static_cast<double>(load(std::uint8_t{}));
+    case DType::kBool:
+      return load(std::uint8_t{}) != 0 ? 1.0 : 0.0;
   }
   return std::numeric_limits<double>::quiet_NaN();
 }
@@ -55,8 +65,8 @@ Tensor::Tensor(DType type, const Shape& shape) : type_(type), shape_(shape), wri
   const std::size_t size = (std::max<std::size_t>(bytes(), 1) + kAlignment - 1) / kAlignment * kAlignment;
   void* memory = std::aligned_alloc(kAlignment, size);
   if (memory == nullptr)
-    throw Error(ErrorKind::kOutOfMemory, "no memory for a tensor of shape " + shape.text() + ", " +
-                                             std::to_string(size) + " bytes");
+    throw Error(ErrorKind::kOutOfMemory,
+                "no memory for a tensor of shape " + shape.text() + ", " + std::to_string(size) + " bytes");
   data_ = static_cast<std::byte*>(memory);
   owner_ = std::shared_ptr<const void>(memory, [](const void* p) { std::free(const_cast<void*>(p)); });
 }
@@ -70,7 +80,8 @@ Tensor Tensor::view(DType type, const Shape& shape, void* data) {
   return t;
 }
 
-Tensor Tensor::read_only(DType type, const Shape& shape, const void* data, std::shared_ptr<const void> owner) {
+Tensor Tensor::read_only(DType type, const Shape& shape, const void* data,
+                         std::shared_ptr<const void> owner) {
   Tensor t = view(type, shape, const_cast<void*>(data));
   t.writable_ = false;
   t.owner_ = std::move(owner);
@@ -86,7 +97,8 @@ Tensor Tensor::zeros(DType type, const Shape& shape) {
 Tensor Tensor::copy_of(DType type, const Shape& shape, std::span<const std::byte> bytes) {
   Tensor t(type, shape);
   if (t.bytes() != bytes.size())
-    throw internal("a tensor of shape " + shape.text() + " was given " + std::to_string(bytes.size()) + " bytes");
+    throw internal("a tensor of shape " + shape.text() + " was given " + std::to_string(bytes.size()) +
+                   " bytes");
   std::memcpy(t.data_, bytes.data(), bytes.size());
   return t;
 }
@@ -98,8 +110,10 @@ std::span<std::byte> Tensor::mutable_raw() {
 
 void Tensor::require(DType type, bool writable) const {
   if (type != type_)
-    throw internal("a tensor of " + std::string(name_of(type_)) + " was read as " + std::string(name_of(type)));
-  if (writable && !writable_) throw internal("a read-only tensor of shape " + shape_.text() + " was to be written");
+    throw internal("a tensor of " + std::string(name_of(type_)) + " was read as " +
+                   std::string(name_of(type)));
+  if (writable && !writable_)
+    throw internal("a read-only tensor of shape " + shape_.text() + " was to be written");
 }
 
 Tensor Tensor::reshaped(const Shape& shape) const {
@@ -116,16 +130,27 @@ Tensor Tensor::to(DType type) const {
   Tensor t(type, shape_);
   const std::size_t n = static_cast<std::size_t>(count());
   std::byte* raw = t.data_;
-  const auto store = [&](std::size_t i, auto value) { std::memcpy(raw + i * sizeof value, &value, sizeof value); };
+  const auto store = [&](std::size_t i, auto value) {
+    std::memcpy(raw + i * sizeof value, &value, sizeof value);
+  };
   for (std::size_t i = 0; i < n; ++i) {
     const double value = element(*this, i);
     switch (type) {
-      case DType::kF64: store(i, value); break;
-      case DType::kF32: store(i, static_cast<float>(value)); break;
-      case DType::kF16: store(i, half_from_float(to_float_round_odd(value))); break;
-      case DType::kBF16: store(i, bfloat16_from_float(to_float_round_odd(value))); break;
+      case DType::kF64:
+        store(i, value);
+        break;
+      case DType::kF32:
+        store(i, static_cast<float>(value));
+        break;
+      case DType::kF16:
+        store(i, half_from_float(to_float_round_odd(value)));
+        break;
+      case DType::kBF16:
+        store(i, bfloat16_from_float(to_float_round_odd(value)));
+        break;
       default:
-        throw internal("no conversion from " + std::string(name_of(type_)) + " to " + std::string(name_of(type)));
+        throw internal("no conversion from " + std::string(name_of(type_)) + " to " +
+                       std::string(name_of(type)));
     }
   }
   return t;

@@ -10,9 +10,9 @@
 
 namespace slide {
 
-/// A handle to a dense row-major array: element type, shape, and storage that is either owned (64-byte aligned,
-/// shared between copies of the handle) or a view of memory that somebody else keeps.
-/// Copying a Tensor copies the handle; clone() copies the data.
+/// A handle to a dense row-major array: element type, shape, and storage that is either owned (64-byte
+/// aligned, shared between copies of the handle) or a view of memory that somebody else keeps. Copying a
+/// Tensor copies the handle; clone() copies the data.
 class Tensor {
  public:
   static constexpr std::size_t kAlignment = 64;
@@ -25,10 +25,12 @@ class Tensor {
   /// A writable view of `data`, which must hold shape.count() elements and outlive the view.
   static Tensor view(DType type, const Shape& shape, void* data);
   /// A read-only view that keeps `owner` alive (a memory-mapped file, say).
-  static Tensor read_only(DType type, const Shape& shape, const void* data, std::shared_ptr<const void> owner);
+  static Tensor read_only(DType type, const Shape& shape, const void* data,
+                          std::shared_ptr<const void> owner);
   /// An owned tensor of zeros.
   static Tensor zeros(DType type, const Shape& shape);
-  /// An owned tensor holding a copy of `values`. Throws Error(kInternal) unless there are shape.count() of them.
+  /// An owned tensor holding a copy of `values`. Throws Error(kInternal) unless there are shape.count() of
+  /// them.
   template <typename T>
   static Tensor from(const Shape& shape, std::span<const T> values) {
     return copy_of(DTypeOf<T>::value, shape, std::as_bytes(values));
@@ -63,7 +65,8 @@ class Tensor {
   /// A copy with storage of its own.
   [[nodiscard]] Tensor clone() const;
   /// A copy converted to another element type (round to nearest even; floating types and integers to floating
-  /// types, floating to floating). Throws Error(kInternal) for other conversions. Returns *this if the type is the same.
+  /// types, floating to floating). Throws Error(kInternal) for other conversions. Returns *this if the type
+  /// is the same.
   [[nodiscard]] Tensor to(DType type) const;
 
  private:
@@ -77,11 +80,12 @@ class Tensor {
   std::shared_ptr<const void> owner_;
 };
 
-/// The largest magnitude among the elements of a floating tensor; NaN if any element is NaN. 0 for no elements.
+/// The largest magnitude among the elements of a floating tensor; NaN if any element is NaN. 0 for no
+/// elements.
 [[nodiscard]] double max_abs(const Tensor& t);
 
-/// max|a - b| over all elements of two floating tensors of one shape; NaN counts as infinity unless both are NaN.
-/// Throws Error(kInternal) if the shapes differ.
+/// max|a - b| over all elements of two floating tensors of one shape; NaN counts as infinity unless both are
+/// NaN. Throws Error(kInternal) if the shapes differ.
 [[nodiscard]] double max_abs_difference(const Tensor& a, const Tensor& b);
 
 }  // namespace slide

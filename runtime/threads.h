@@ -10,11 +10,11 @@ namespace slide {
 /// Sets it; values below 1 mean the default again.
 void set_thread_count(int count) noexcept;
 
-/// Calls body(i) once for every i in [0, n), in parallel, dynamically scheduled. Which thread runs which i is not
-/// defined, so body must write only what belongs to i; then the result is the same at any thread count.
+/// Calls body(i) once for every i in [0, n), in parallel, dynamically scheduled. Which thread runs which i is
+/// not defined, so body must write only what belongs to i; then the result is the same at any thread count.
 /// The first exception thrown by a body is rethrown here, after all running bodies have ended.
-/// Nested calls run on the calling thread. Denormals are flushed to zero only if the caller's mode says so: the
-/// workers take over the caller's floating-point mode.
+/// Nested calls run on the calling thread. Denormals are flushed to zero only if the caller's mode says so:
+/// the workers take over the caller's floating-point mode.
 void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body);
 
 /// The index of the calling thread within the running parallel_for, in [0, thread_count()); 0 outside of one.

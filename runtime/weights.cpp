@@ -15,7 +15,8 @@ bool floating(DType type) {
 void append_list(std::string& out, std::string_view title, const std::vector<std::string>& list) {
   constexpr std::size_t kShown = 8;
   if (list.empty()) return;
-  out += std::string(out.empty() ? "" : "; ") + std::string(title) + " (" + std::to_string(list.size()) + "): ";
+  out +=
+      std::string(out.empty() ? "" : "; ") + std::string(title) + " (" + std::to_string(list.size()) + "): ";
   for (std::size_t i = 0; i < std::min(kShown, list.size()); ++i) out += (i > 0 ? ", " : "") + list[i];
   if (list.size() > kShown) out += " ... and " + std::to_string(list.size() - kShown) + " more";
 }
@@ -76,7 +77,8 @@ std::map<int, Tensor> bind(const Graph& graph, const WeightSource& weights) {
     if (node.kind != NodeKind::kParameter) continue;
     std::optional<Tensor> found = weights.find(node.name, node.shape);
     if (!found || found->shape() != node.shape)
-      throw Error(ErrorKind::kBadWeights, weights.description() + ": " + node.name + " changed while it was read");
+      throw Error(ErrorKind::kBadWeights,
+                  weights.description() + ": " + node.name + " changed while it was read");
     tensors.emplace(static_cast<int>(i), std::move(*found));
   }
   return tensors;

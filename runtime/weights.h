@@ -17,8 +17,8 @@ class WeightSource {
   virtual ~WeightSource() = default;
   /// What messages call it: a file name, say.
   [[nodiscard]] virtual std::string description() const = 0;
-  /// The tensor of that name (any floating dtype), or nothing. The graph's shape is passed for sources that make
-  /// tensors up; a source that has the tensor returns it as it is.
+  /// The tensor of that name (any floating dtype), or nothing. The graph's shape is passed for sources that
+  /// make tensors up; a source that has the tensor returns it as it is.
   [[nodiscard]] virtual std::optional<Tensor> find(std::string_view name, const Shape& wanted) const = 0;
   /// The names it holds, in its own order; empty for sources that make tensors up.
   [[nodiscard]] virtual std::vector<std::string> names() const = 0;
@@ -45,7 +45,9 @@ struct WeightFit {
   std::vector<std::string> wrong_shape;  ///< "name: file has 3x3, the graph needs 5x5"
   std::vector<std::string> wrong_dtype;  ///< "name: I64", where a floating type is needed
   /// Nothing missing or wrong; unexpected tensors are no hindrance.
-  [[nodiscard]] bool usable() const noexcept { return missing.empty() && wrong_shape.empty() && wrong_dtype.empty(); }
+  [[nodiscard]] bool usable() const noexcept {
+    return missing.empty() && wrong_shape.empty() && wrong_dtype.empty();
+  }
   /// One readable message, long lists shortened ("... and 12 more"); empty if all fits.
   [[nodiscard]] std::string message(const std::string& source) const;
 };

@@ -23,8 +23,11 @@ TEST_CASE("parallel_for visits every index once at any thread count") {
 
 TEST_CASE("an exception in a worker reaches the caller") {
   set_thread_count(4);
-  CHECK_THROWS_AS(
-      parallel_for(100, [](std::int64_t i) { if (i == 57) throw Error(ErrorKind::kBadInput, "row 57"); }), Error);
+  CHECK_THROWS_AS(parallel_for(100,
+                               [](std::int64_t i) {
+                                 if (i == 57) throw Error(ErrorKind::kBadInput, "row 57");
+                               }),
+                  Error);
   set_thread_count(0);
 }
 

@@ -1,0 +1,24 @@
+#pragma once
+
+#include "runtime/graph.h"
+
+namespace slide::ops {
+
+/// Batch normalisation with fixed statistics: y = (x - mean) / sqrt(var + eps) · weight + bias, per channel
+/// (axis 1). x: N×C×... of rank 2 to 5; the four others: C.
+Value batch_norm(Value x, Value weight, Value bias, Value running_mean, Value running_var, double eps);
+
+/// Group normalisation (Wu and He, ECCV 2018): channels in `groups` equal runs, each normalised with the mean
+/// and the biased variance over the run and all positions, then scaled and shifted per channel. x: N×C×H×W;
+/// weight, bias: C; C must be a multiple of groups.
+Value group_norm(Value x, std::int64_t groups, Value weight, Value bias, double eps);
+
+/// Weight standardisation (Qiao et al. 2019) as FBA matting applies it: for each filter (axis 0),
+/// (w - mean) / (std + eps), std with n - 1 in the denominator. weight: O×C×KH×KW.
+Value weight_standardise(Value weight, double eps);
+
+/// (x - min) / (max - min) over all elements; zeros everywhere if max - min <= 1e-6 · max(1, |max|), a scene
+/// without relief (spec, section 1).
+Value min_max_normalise(Value x);
+
+}  // namespace slide::ops
