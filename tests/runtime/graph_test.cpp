@@ -4,28 +4,12 @@
 
 #include "runtime/error.h"
 #include "runtime/reference_executor.h"
+#include "tests/runtime/sum_op.h"
 
 using namespace slide;
+using slide::test::sum;
 
 namespace {
-
-/// y = a + b on equal shapes: the smallest operator there is.
-class SumOp : public Op {
- public:
-  std::string_view type() const override { return "sum"; }
-  Shape infer(std::span<const Shape> inputs) const override {
-    if (inputs[0] != inputs[1])
-      throw Error(ErrorKind::kInternal, "cannot add " + inputs[0].text() + " and " + inputs[1].text());
-    return inputs[0];
-  }
-  void reference(std::span<const Tensor> inputs, Tensor& output) const override {
-    for (std::size_t i = 0; i < output.mutable_data<double>().size(); ++i)
-      output.mutable_data<double>()[i] = inputs[0].data<double>()[i] + inputs[1].data<double>()[i];
-  }
-  std::span<const Kernel* const> kernels() const override { return {}; }
-};
-
-Value sum(Value a, Value b) { return a.graph().add(std::make_shared<SumOp>(), {a, b}); }
 
 std::string message_of(auto&& call) {
   try {

@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstddef>
+#include <string_view>
+
+#include "runtime/graph.h"
+#include "runtime/plan.h"
+#include "runtime/run.h"
+#include "runtime/weights.h"
+
+namespace slide {
+
+/// What a FastExecutor may be told.
+struct FastOptions {
+  Isa isa = active_isa();
+  bool keep_all = false;         ///< every node's tensor can be looked at after a run
+  std::size_t memory_limit = 0;  ///< bytes for arena and weights; 0 = no limit
+};
+
+/// Runs a graph's plan in float32: constants folded once in float64, one kernel a node, all results in one
+/// arena.
+class FastExecutor {
+ public:
+  /// Plans, checks the memory limit, binds and folds the weights. Throws Error(kOutOfMemory) naming what is
+  /// needed if that is over the limit (before anything is allocated), Error(kBadWeights) if the weights do
+  /// not fit. The graph must outlive the executor.
+  FastExecutor(const Graph& graph, const WeightSource& weights, const FastOptions& options = {});
+
+  /// Runs the graph. Inputs of another floating dtype are converted to float32. Denormals are flushed to zero
+  /// meanwhile. Throws Error(kInternal) for a missing input or one of a wrong shape, Error(kCancelled) if the
+  /// callback says so.
+  void run(const NamedTensors& inputs, const RunOptions& options = {});
+
+  /// The F32 tensor of an output of the last run; with keep_all of any tap or node. It lies in the arena and
+  /// is overwritten by the next run. Throws Error(kInternal) if there is no such tensor or its memory was
+  /// used again.
+  [[nodiscard]] Tensor tensor(std::string_view name) const;
+  [[nodiscard]] Tensor tensor(int node) const;
+
+  [[nodiscard]] const Plan& plan() const noexcept { return plan_; }
+
+ private:
+  void fold_constants(const WeightSource& weights);
+
+  const Graph& graph_;
+  Plan plan_;
+  bool keep_all_;
+  Tensor arena_;
+  std::vector<Tensor> values_;  // by node: constants, inputs, results as views of the arena
+};
+
+}  // namespace slide

@@ -1,0 +1,102 @@
+#include "runtime/fast_executor.h"
+
+#include <doctest/doctest.h>
+
+#include "runtime/error.h"
+#include "runtime/reference_executor.h"
+#include "tests/runtime/sum_op.h"
+
+using namespace slide;
+using slide::test::sum;
+
+namespace {
+
+/// y = x doubled `depth` times, plus a constant made from weights only.
+void build(Graph& g, int depth) {
+  const Value w = g.parameter("w", {4});
+  const Value folded = sum(sum(w, w), w);
+  Value x = g.input("x", {4});
+  for (int i = 0; i < depth; ++i) x = sum(x, x);
+  g.tap("doubled", x);
+  g.output("y", sum(x, folded));
+}
+
+WeightMap weights() {
+  WeightMap map;
+  const float w[] = {1, 2, 3, 0.1F};
+  map.set("w", Tensor::from<float>({4}, w));
+  return map;
+}
+
+const float kX[] = {1, -1, 0.5F, 0.25F};
+
+}  // namespace
+
+TEST_CASE("the plan folds what depends on weights only and uses memory again") {
+  Graph g;
+  build(g, 10);
+  const Plan plan = make_plan(g, Isa::kBaseline);
+  CHECK(plan.steps.size() == 11);
+  CHECK(plan.arena_bytes == 3 * 64);  // input, result and scratch of one step at a time
+  CHECK(plan.weight_bytes == 16);     // the folded sum, not w itself
+  CHECK(make_plan(g, Isa::kBaseline, true).arena_bytes >= 11 * 64);
+}
+
+TEST_CASE("fast and reference executors agree, and a second run gives the same") {
+  Graph g;
+  build(g, 3);
+  FastExecutor fast(g, weights());
+  ReferenceExecutor reference(g, weights());
+  const NamedTensors inputs = {{"x", Tensor::from<float>({4}, kX)}};
+  reference.run(inputs);
+  for (int round = 0; round < 2; ++round) {
+    fast.run(inputs);
+    CHECK(max_abs_difference(fast.tensor("y"), reference.tensor("y")) < 1e-6);
+  }
+  CHECK_THROWS_AS((void)fast.tensor("doubled"), Error);
+}
+
+TEST_CASE("keep_all hands out every tensor") {
+  Graph g;
+  build(g, 3);
+  FastExecutor fast(g, weights(), {.isa = Isa::kBaseline, .keep_all = true});
+  fast.run({{"x", Tensor::from<float>({4}, kX)}});
+  CHECK(fast.tensor("doubled").data<float>()[0] == 8.0F);
+  CHECK(fast.tensor("sum_3").data<float>()[0] == 2.0F);
+}
+
+TEST_CASE("a plan over the memory limit is refused with both numbers") {
+  Graph g;
+  const Value x = g.input("x", {1 << 20});
+  g.output("y", sum(x, x));
+  try {
+    const FastExecutor fast(g, WeightMap(), {.isa = Isa::kBaseline, .memory_limit = 1 << 20});
+    FAIL("no error");
+  } catch (const Error& e) {
+    CHECK(e.kind() == ErrorKind::kOutOfMemory);
+    CHECK(std::string(e.what()).find("needs 8 MiB") != std::string::npos);
+    CHECK(std::string(e.what()).find("limit of 1 MiB") != std::string::npos);
+  }
+}
+
+TEST_CASE("wrong inputs are errors that name the input") {
+  Graph g;
+  build(g, 1);
+  FastExecutor fast(g, weights());
+  CHECK_THROWS_WITH_AS(fast.run({}), "the input x was not given", Error);
+  CHECK_THROWS_WITH_AS(fast.run({{"x", Tensor::zeros(DType::kF32, {5})}}),
+                       "the input x has the shape 5, the graph was built for 4", Error);
+}
+
+TEST_CASE("the profile names kernels and counts bytes") {
+  Graph g;
+  build(g, 1);
+  FastExecutor fast(g, weights());
+  Profile profile;
+  RunOptions options;
+  options.profile = &profile;
+  fast.run({{"x", Tensor::from<float>({4}, kX)}}, options);
+  REQUIRE(profile.size() == 2);
+  CHECK(profile[0].kernel == "sum.plain.baseline");
+  CHECK(profile[0].bytes == 48);
+}
