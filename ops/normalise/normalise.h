@@ -13,8 +13,8 @@ Value batch_norm(Value x, Value weight, Value bias, Value running_mean, Value ru
 /// weight, bias: C; C must be a multiple of groups.
 Value group_norm(Value x, std::int64_t groups, Value weight, Value bias, double eps);
 
-/// Weight standardisation (Qiao et al. 2019) as FBA matting applies it: for each filter (axis 0),
-/// (w - mean) / (std + eps), std with n - 1 in the denominator. weight: O×C×KH×KW.
+/// Weight standardisation (Qiao et al. 2019) as FBA matting applies it (layers_WS.py): for each filter (axis
+/// 0), (w - mean) / sqrt(var + eps), var the biased variance (n in the denominator). weight: O×C×KH×KW.
 Value weight_standardise(Value weight, double eps);
 
 /// (x - min) / (max - min) over all elements; zeros everywhere if max - min <= 1e-6 · max(1, |max|), a scene
