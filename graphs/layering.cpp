@@ -1,0 +1,102 @@
+#include "graphs/layering.h"
+
+#include <cmath>
+#include <numbers>
+#include <string>
+
+#include "ops/layering/layering.h"
+#include "ops/pointwise/pointwise.h"
+#include "ops/pool/pool.h"
+#include "ops/tensor_shape/tensor_shape.h"
+#include "runtime/error.h"
+
+namespace slide::graphs {
+namespace {
+
+constexpr double kHoleThreshold = 0.05;
+
+void require_non_negative(const char* name, double value) {
+  if (!std::isfinite(value) || value < 0)
+    throw Error(ErrorKind::kUsage,
+                std::string("the layering parameter ") + name + " is " + std::to_string(value),
+                "give a number >= 0");
+}
+
+/// Max-pool of odd side k that keeps the size. Cells beyond the border never win, which is what replicating
+/// the border gives.
+Value dilate(Value x, std::int64_t k) {
+  const std::int64_t r = k / 2;
+  return ops::max_pool2d(x, {.kernel = {k, k}, .stride = {1, 1}, .padding = {r, r, r, r}});
+}
+
+/// relu(tanh(gamma · x))
+Value soften(Value x, double gamma) { return ops::relu(ops::tanh(ops::affine(x, gamma, 0))); }
+
+}  // namespace
+
+Layering resolve(const LayeringParams& p) {
+  require_non_negative("parallax", p.parallax);
+  Layering l{};
+  l.parallax = p.parallax;
+  l.beta = p.beta.value_or(4 * std::numbers::ln2 * p.parallax * p.parallax);
+  l.gamma = p.gamma.value_or(p.parallax);
+  l.rho = p.rho.value_or(p.parallax > 0 ? 1 / p.parallax : 0);
+  l.radius = p.radius.value_or(static_cast<std::int64_t>(std::ceil(p.parallax)));
+  l.sigma = p.sigma;
+  l.maxpool = p.maxpool;
+  l.matte_dilation = 2 * static_cast<std::int64_t>(std::ceil(p.parallax / 4)) + 1;
+  require_non_negative("beta", l.beta);
+  require_non_negative("gamma", l.gamma);
+  require_non_negative("rho", l.rho);
+  require_non_negative("sigma", l.sigma);
+  if (l.radius < 0)
+    throw Error(ErrorKind::kUsage, "the layering parameter radius is " + std::to_string(l.radius),
+                "give a number >= 0");
+  if (l.maxpool < 1 || l.maxpool % 2 == 0)
+    throw Error(ErrorKind::kUsage, "the layering parameter maxpool is " + std::to_string(l.maxpool),
+                "give an odd number >= 1");
+  return l;
+}
+
+Value condition_disparity(Value disparity, const Layering& layering) {
+  return dilate(ops::gaussian_blur(disparity, layering.sigma), layering.maxpool);
+}
+
+Value visibility(Value conditioned, const Layering& layering) {
+  const Value gradient = ops::sobel(conditioned);
+  const Value squared = ops::mul(gradient, gradient);
+  const Value steepness = ops::add(ops::slice(squared, 1, 0, 1), ops::slice(squared, 1, 1, 2));
+  return ops::exp(ops::affine(steepness, -layering.beta, 0));
+}
+
+Value disocclusion(Value conditioned, const Layering& layering) {
+  const Value far_neighbour =
+      ops::cone_dilation(ops::affine(conditioned, -1, 0), layering.rho, layering.radius);
+  return soften(ops::add(conditioned, far_neighbour), layering.gamma);
+}
+
+Value occlusion(Value conditioned, const Layering& layering) {
+  const Value near_neighbour = ops::cone_dilation(conditioned, layering.rho, layering.radius);
+  return soften(ops::sub(near_neighbour, conditioned), layering.gamma);
+}
+
+Value matte_visibility(Value visibility, Value occlusion, Value matte, const Layering& layering) {
+  const Value rim = ops::sub(dilate(matte, layering.matte_dilation), matte);
+  const Value uncovered = ops::affine(occlusion, -1, 1);
+  return ops::mul(visibility, ops::affine(ops::mul(rim, uncovered), -1, 1));
+}
+
+Value hole(Value disocclusion) { return dilate(ops::greater(disocclusion, kHoleThreshold), 3); }
+
+LayeringMaps soft_layering(Value disparity, const Layering& layering, std::optional<Value> matte) {
+  Graph& g = disparity.graph();
+  const auto scope = g.scope("layering");
+  const Value d1 = condition_disparity(disparity, layering);
+  const Value s = disocclusion(d1, layering);
+  const Value s_hat = occlusion(d1, layering);
+  Value a = visibility(d1, layering);
+  if (matte) a = matte_visibility(a, s_hat, *matte, layering);
+  return {d1, a, s, s_hat, hole(s)};
+}
+
+}  // namespace slide::graphs

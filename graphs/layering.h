@@ -1,0 +1,70 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+
+#include "runtime/graph.h"
+
+namespace slide::graphs {
+
+/// The parameters of soft layering (Jampani et al., ICCV 2021, section 3.2; spec section 2). What is not set
+/// follows from the largest parallax of the camera path.
+struct LayeringParams {
+  double parallax = 0;          ///< P, pixels: disparity 1 against disparity 0 over the whole path; >= 0
+  std::optional<double> beta;   ///< steepness of the visibility; default 4·ln2·P²
+  std::optional<double> gamma;  ///< steepness of the disocclusion; default P
+  std::optional<double> rho;    ///< disparity that one pixel of distance is worth; default 1/P
+  std::optional<std::int64_t> radius;  ///< m, pixels; default ceil(P)
+  double sigma = 1;                    ///< of the conditioning blur, pixels
+  std::int64_t maxpool = 3;            ///< k of the conditioning max-pool, odd
+};
+
+/// The same with every value decided.
+struct Layering {
+  double parallax;
+  double beta;
+  double gamma;
+  double rho;
+  std::int64_t radius;
+  double sigma;
+  std::int64_t maxpool;
+  std::int64_t matte_dilation;  ///< side of the matte's dilation window: 2·ceil(P/4) + 1
+};
+
+/// Fills in the defaults. Throws Error(kUsage) naming the parameter that is negative, not finite, or
+/// (maxpool) even. With P = 0 nothing moves: beta = gamma = 0, so A = 1 and S = S_hat = 0.
+[[nodiscard]] Layering resolve(const LayeringParams& params);
+
+/// The maps that split a photo into two layers; all 1×1×H×W in [0, 1].
+struct LayeringMaps {
+  Value disparity;     ///< D1: blurred and max-pooled disparity, the foreground's geometry
+  Value visibility;    ///< A (eq. 1), or A' where a matte is given
+  Value disocclusion;  ///< S (eq. 3): what lies behind this pixel may come into view
+  Value occlusion;     ///< S_hat: this pixel may be covered by a nearer neighbour
+  Value hole;          ///< H: 1 where S > 0.05, dilated by one pixel
+};
+
+/// D1 = maxpool_k(gauss_sigma(D)).
+Value condition_disparity(Value disparity, const Layering& layering);
+
+/// A = exp(-beta·|∇D1|²), the gradient by Sobel (eq. 1).
+Value visibility(Value conditioned, const Layering& layering);
+
+/// S = relu(tanh(gamma · max over i of (D1 - D1(i) - rho·K(i)))) along scan lines (eq. 3).
+Value disocclusion(Value conditioned, const Layering& layering);
+
+/// S_hat = relu(tanh(gamma · max over i of (D1(i) - D1 - rho·K(i)))), the mirror image of S.
+Value occlusion(Value conditioned, const Layering& layering);
+
+/// A' = A · (1 - (dilate(M) - M)·(1 - S_hat)): the matte's soft rim becomes see-through where nothing nearer
+/// covers it.
+Value matte_visibility(Value visibility, Value occlusion, Value matte, const Layering& layering);
+
+/// The inpainting mask: S > 0.05, dilated by one pixel in all eight directions.
+Value hole(Value disocclusion);
+
+/// All of the above. `disparity` and `matte` are 1×1×H×W in [0, 1].
+LayeringMaps soft_layering(Value disparity, const Layering& layering,
+                           std::optional<Value> matte = std::nullopt);
+
+}  // namespace slide::graphs
