@@ -34,6 +34,8 @@ class AtomicFile {
 
   /// The name it will have.
   [[nodiscard]] const std::string& path() const noexcept { return path_; }
+  /// The name it has until then, absolute: for another library or program that fills it instead of write().
+  [[nodiscard]] const std::string& temporary_path() const noexcept { return temporary_; }
   /// Bytes appended by write() so far.
   [[nodiscard]] std::uint64_t size() const noexcept { return size_; }
 
