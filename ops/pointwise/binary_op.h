@@ -1,0 +1,28 @@
+#pragma once
+
+#include "runtime/op.h"
+
+namespace slide::ops {
+
+enum class BinaryKind { kAdd, kSub, kMul, kDiv, kMinimum, kMaximum };
+
+/// A function of two values, with broadcasting. See ops/pointwise/pointwise.h for the definitions.
+class BinaryOp : public Op {
+ public:
+  explicit BinaryOp(BinaryKind kind) : kind_(kind) {}
+
+  [[nodiscard]] BinaryKind kind() const noexcept { return kind_; }
+  /// The function at one point, in float64.
+  [[nodiscard]] double evaluate(double a, double b) const;
+
+  [[nodiscard]] std::string_view type() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  BinaryKind kind_;
+};
+
+}  // namespace slide::ops

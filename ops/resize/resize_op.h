@@ -1,0 +1,35 @@
+#pragma once
+
+#include <vector>
+
+#include "ops/resize/resize.h"
+#include "runtime/op.h"
+
+namespace slide::ops {
+
+/// How one axis is resampled: output i is the sum over k of weight[i·taps+k] · input[index[i·taps+k]].
+struct ResizeAxis {
+  int taps;                         ///< 1 nearest, 2 linear, 4 cubic
+  std::vector<std::int64_t> index;  ///< cut at the border, so replicating it
+  std::vector<double> weight;
+};
+
+class ResizeOp : public Op {
+ public:
+  explicit ResizeOp(const ResizeParams& params) : params_(params) {}
+  [[nodiscard]] const ResizeParams& params() const noexcept { return params_; }
+  /// Rows (axis 0) or columns (axis 1) of an input with that extent.
+  [[nodiscard]] ResizeAxis axis(int axis, std::int64_t extent) const;
+
+  [[nodiscard]] std::string_view type() const override { return "resize"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  ResizeParams params_;
+};
+
+}  // namespace slide::ops

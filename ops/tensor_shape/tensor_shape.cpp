@@ -1,0 +1,214 @@
+// These operators move elements and compute nothing, so one function serves both element types: the float64
+// reference, and a float32 kernel that is the same at every instruction-set level and exact.
+
+#include "ops/tensor_shape/tensor_shape.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstring>
+
+#include "ops/common/elements.h"
+#include "ops/tensor_shape/tensor_shape_ops.h"
+
+namespace slide::ops {
+namespace {
+
+template <typename T>
+void copy(const T* from, T* to, std::int64_t count) {
+  std::memcpy(to, from, static_cast<std::size_t>(count) * sizeof(T));
+}
+
+template <typename T>
+void compute(const ConcatOp& op, std::span<const Tensor> inputs, Tensor& output) {
+  const AxisView out = axis_view(output.shape(), op.axis());
+  T* y = output.mutable_data<T>().data();
+  std::int64_t offset = 0;
+  for (const Tensor& input : inputs) {
+    const T* x = input.data<T>().data();
+    const std::int64_t run = input.shape()[op.axis()] * out.inner;
+    const std::int64_t at = offset;
+    for_ranges(out.outer, std::max<std::int64_t>(1, kElementGrain / std::max<std::int64_t>(run, 1)),
+               [&](std::int64_t begin, std::int64_t end) {
+                 for (std::int64_t i = begin; i < end; ++i)
+                   copy(x + i * run, y + i * out.axis * out.inner + at, run);
+               });
+    offset += run;
+  }
+}
+
+template <typename T>
+void compute(const SliceOp& op, std::span<const Tensor> inputs, Tensor& output) {
+  const int rank = output.shape().rank();
+  const AxisView in = axis_view(inputs[0].shape(), op.axis() < 0 ? op.axis() + rank : op.axis());
+  const T* x = inputs[0].data<T>().data();
+  T* y = output.mutable_data<T>().data();
+  const std::int64_t run = (op.end() - op.start()) * in.inner;
+  for (std::int64_t i = 0; i < in.outer; ++i)
+    copy(x + (i * in.axis + op.start()) * in.inner, y + i * run, run);
+}
+
+/// Where output index i of a padded axis comes from; -1 for the constant.
+std::int64_t pad_source(std::int64_t i, std::int64_t before, std::int64_t extent, PadMode mode) {
+  const std::int64_t s = i - before;
+  if (s >= 0 && s < extent) return s;
+  switch (mode) {
+    case PadMode::kConstant:
+      return -1;
+    case PadMode::kEdge:
+      return s < 0 ? 0 : extent - 1;
+    case PadMode::kReflect:
+      return s < 0 ? -s : 2 * (extent - 1) - s;
+  }
+  return -1;
+}
+
+template <typename T>
+void compute(const PadOp& op, std::span<const Tensor> inputs, Tensor& output) {
+  const Nchw in = nchw(inputs[0].shape());
+  const Nchw out = nchw(output.shape());
+  const auto [top, left, bottom, right] = op.padding();
+  const T* x = inputs[0].data<T>().data();
+  T* y = output.mutable_data<T>().data();
+  const T value = static_cast<T>(op.value());
+  const auto pad_row = [&](const T* from, T* to) {
+    for (std::int64_t j = 0; j < left; ++j) {
+      const std::int64_t source = pad_source(j, left, in.w, op.mode());
+      to[j] = source < 0 ? value : from[source];
+    }
+    copy(from, to + left, in.w);
+    for (std::int64_t j = left + in.w; j < out.w; ++j) {
+      const std::int64_t source = pad_source(j, left, in.w, op.mode());
+      to[j] = source < 0 ? value : from[source];
+    }
+  };
+  for_ranges(in.n * in.c, 1, [&](std::int64_t plane, std::int64_t) {
+    for (std::int64_t i = 0; i < out.h; ++i) {
+      T* row = y + (plane * out.h + i) * out.w;
+      const std::int64_t source = pad_source(i, top, in.h, op.mode());
+      if (source < 0)
+        std::fill(row, row + out.w, value);
+      else
+        pad_row(x + (plane * in.h + source) * in.w, row);
+    }
+  });
+}
+
+template <typename T>
+void compute(const ReshapeOp& /*op*/, std::span<const Tensor> inputs, Tensor& output) {
+  copy(inputs[0].data<T>().data(), output.mutable_data<T>().data(), output.count());
+}
+
+template <typename O>
+class CopyKernel : public Kernel {
+ public:
+  explicit CopyKernel(std::string_view name) : name_(name) {}
+  [[nodiscard]] std::string_view name() const override { return name_; }
+  [[nodiscard]] Isa isa() const override { return Isa::kBaseline; }
+  [[nodiscard]] bool supports(const Op&, std::span<const Shape>, const Shape&) const override { return true; }
+  /// 1 for the rounding of a padding constant; copies are exact.
+  [[nodiscard]] double error_factor(const Op& op, std::span<const Shape>) const override {
+    return op.type() == "pad" ? 1 : 0;
+  }
+  void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
+           std::span<std::byte>) const override {
+    compute<float>(static_cast<const O&>(op), inputs, output);
+  }
+
+ private:
+  std::string_view name_;
+};
+
+template <typename O>
+std::span<const Kernel* const> copy_kernels(std::string_view name) {
+  static const CopyKernel<O> kernel(name);
+  static const Kernel* const list[] = {&kernel};
+  return list;
+}
+
+}  // namespace
+
+Shape ConcatOp::infer(std::span<const Shape> inputs) const {
+  require(!inputs.empty(), "concat was given no tensor");
+  std::int64_t extent = 0;
+  for (const Shape& shape : inputs) {
+    require(
+        axis_ < shape.rank() && shape.rank() == inputs[0].rank() &&
+            shape.with(axis_, 1) == inputs[0].with(axis_, 1),
+        "cannot join " + inputs[0].text() + " and " + shape.text() + " along axis " + std::to_string(axis_));
+    require(!__builtin_add_overflow(extent, shape[axis_], &extent), "concat is too large");
+  }
+  return inputs[0].with(axis_, extent);
+}
+void ConcatOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  compute<double>(*this, inputs, output);
+}
+std::span<const Kernel* const> ConcatOp::kernels() const { return copy_kernels<ConcatOp>("concat.copy"); }
+
+std::string SliceOp::attributes() const {
+  return "axis " + std::to_string(axis_) + " from " + std::to_string(start_) + " to " + std::to_string(end_);
+}
+Shape SliceOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("slice", inputs, 1, 1);
+  const int axis = require_axis("slice", axis_, inputs[0]);
+  require(0 <= start_ && start_ < end_ && end_ <= inputs[0][axis],
+          "cannot take elements " + std::to_string(start_) + " to " + std::to_string(end_) + " of axis " +
+              std::to_string(axis) + " of " + inputs[0].text());
+  return inputs[0].with(axis, end_ - start_);
+}
+void SliceOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  compute<double>(*this, inputs, output);
+}
+std::span<const Kernel* const> SliceOp::kernels() const { return copy_kernels<SliceOp>("slice.copy"); }
+
+std::string PadOp::attributes() const {
+  constexpr std::array<std::string_view, 3> kModes = {"constant", "edge", "reflect"};
+  std::string text(kModes[static_cast<std::size_t>(mode_)]);
+  if (mode_ == PadMode::kConstant) text += " " + number_text(value_);
+  for (const std::int64_t p : padding_) text += " " + std::to_string(p);
+  return text;
+}
+Shape PadOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("pad", inputs, 1, 1);
+  const Nchw in = nchw(inputs[0]);
+  for (const std::int64_t p : padding_) {
+    require_at_least("padding", p, 0);
+    require(p <= std::int64_t{1} << 40, "the padding " + std::to_string(p) + " is too large");
+  }
+  const auto [top, left, bottom, right] = padding_;
+  if (mode_ == PadMode::kReflect)
+    require(std::max(top, bottom) < in.h && std::max(left, right) < in.w,
+            "reflecting needs a padding less than the extent: " + attributes() + " of " + inputs[0].text());
+  return {in.n, in.c, in.h + top + bottom, in.w + left + right};
+}
+void PadOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  compute<double>(*this, inputs, output);
+}
+std::span<const Kernel* const> PadOp::kernels() const { return copy_kernels<PadOp>("pad.copy"); }
+
+Shape ReshapeOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("reshape", inputs, 1, 1);
+  require(inputs[0].count() == shape_.count(), "cannot reshape " + inputs[0].text() + " to " + shape_.text());
+  return shape_;
+}
+void ReshapeOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  compute<double>(*this, inputs, output);
+}
+std::span<const Kernel* const> ReshapeOp::kernels() const { return copy_kernels<ReshapeOp>("reshape.copy"); }
+
+Value concat(const std::vector<Value>& inputs, int axis) {
+  require(!inputs.empty(), "concat was given no tensor");
+  const int index = require_axis("concat", axis, inputs[0].shape());
+  return inputs[0].graph().add(std::make_shared<ConcatOp>(index), inputs);
+}
+
+Value slice(Value x, int axis, std::int64_t start, std::int64_t end) {
+  return x.graph().add(std::make_shared<SliceOp>(axis, start, end), {x});
+}
+
+Value pad(Value x, const std::array<std::int64_t, 4>& padding, PadMode mode, double value) {
+  return x.graph().add(std::make_shared<PadOp>(padding, mode, value), {x});
+}
+
+Value reshape(Value x, const Shape& shape) { return x.graph().add(std::make_shared<ReshapeOp>(shape), {x}); }
+
+}  // namespace slide::ops
