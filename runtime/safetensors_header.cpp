@@ -48,8 +48,9 @@ class CountingIterator {
     ++*this;
     return before;
   }
-  friend bool operator==(const CountingIterator& a, const CountingIterator& b) { return a.at_ == b.at_; }
-  friend bool operator!=(const CountingIterator& a, const CountingIterator& b) { return a.at_ != b.at_; }
+  [[maybe_unused]] friend bool operator==(const CountingIterator& a, const CountingIterator& b) {
+    return a.at_ == b.at_;
+  }
 
  private:
   const char* at_;
@@ -178,6 +179,7 @@ class HeaderHandler {
       if (__builtin_mul_overflow(count, std::max<std::uint64_t>(extent, 1), &count) || count >> 56 != 0)
         throw failure("the product of its dimensions is too large");
     std::vector<std::int64_t> extents;
+    extents.reserve(numbers_.size());
     for (const std::uint64_t extent : numbers_) extents.push_back(static_cast<std::int64_t>(extent));
     entry_.info.shape = Shape(extents);
   }
@@ -210,27 +212,31 @@ class HeaderHandler {
 void check_coverage(const SafetensorsHeader& header, std::uint64_t data_start, std::uint64_t data_size,
                     const std::string& file) {
   std::vector<const SafetensorsHeader::Entry*> order;
+  order.reserve(header.entries.size());
   for (const SafetensorsHeader::Entry& entry : header.entries) order.push_back(&entry);
   std::ranges::stable_sort(order, {}, [](const auto* e) { return std::pair(e->begin, e->end); });
   std::uint64_t end = 0;
-  std::string last = "the start of the data";
+  const auto what = [](const SafetensorsHeader::Entry* entry) {
+    return entry == nullptr ? "the start of the data" : "tensor " + entry->info.name;
+  };
+  const SafetensorsHeader::Entry* last = nullptr;
   const auto fail = [&](const std::string& problem, std::uint64_t at) {
     return Error(ErrorKind::kBadWeights,
                  file + ": " + problem + " (byte " + std::to_string(data_start + at) + ")");
   };
   for (const SafetensorsHeader::Entry* entry : order) {
-    const std::string name = "tensor " + entry->info.name;
     if (entry->end > data_size)
-      throw fail(name + " ends at byte " + std::to_string(entry->end) + " of the data, of which there are " +
-                     std::to_string(data_size) + " bytes; the file is cut short",
+      throw fail(what(entry) + " ends at byte " + std::to_string(entry->end) +
+                     " of the data, of which there are " + std::to_string(data_size) +
+                     " bytes; the file is cut short",
                  data_size);
-    if (entry->begin < end) throw fail(name + " overlaps " + last, entry->begin);
+    if (entry->begin < end) throw fail(what(entry) + " overlaps " + what(last), entry->begin);
     if (entry->begin > end)
-      throw fail(std::to_string(entry->begin - end) + " bytes between " + last + " and " + name +
+      throw fail(std::to_string(entry->begin - end) + " bytes between " + what(last) + " and " + what(entry) +
                      " belong to no tensor",
                  end);
     end = entry->end;
-    last = name;
+    last = entry;
   }
   if (end != data_size)
     throw fail(std::to_string(data_size - end) + " bytes after the last tensor belong to no tensor", end);
@@ -257,14 +263,16 @@ SafetensorsHeader parse_safetensors_header(std::string_view text, std::uint64_t 
 
 std::uint32_t checksum_of_list(const std::vector<TensorInfo>& tensors) {
   std::vector<const TensorInfo*> order;
+  order.reserve(tensors.size());
   for (const TensorInfo& info : tensors) order.push_back(&info);
   std::ranges::sort(order, {}, &TensorInfo::name);
   std::uint32_t crc = 0;
   for (const TensorInfo* info : order) {
-    std::string line = info->name + '\0' + std::string(name_of(info->dtype)) + '\0';
+    std::string line = info->name;
+    line.append(1, '\0').append(name_of(info->dtype)).append(1, '\0');
     for (int axis = 0; axis < info->shape.rank(); ++axis)
-      line += (axis > 0 ? "x" : "") + std::to_string(info->shape[axis]);
-    line += '\n';
+      line.append(axis > 0 ? "x" : "").append(std::to_string(info->shape[axis]));
+    line.append(1, '\n');
     crc = crc32c(std::as_bytes(std::span(line)), crc);
   }
   return crc;

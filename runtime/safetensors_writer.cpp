@@ -24,9 +24,13 @@ void check_name(const std::string& name, std::set<std::string>& seen, const std:
 }
 
 void check_metadata(const Metadata& metadata, const std::string& path) {
-  for (const auto& [key, value] : metadata)
-    if (find_invalid_utf8(key) || find_invalid_utf8(value) || key == "crc32c" || key.starts_with("crc32c."))
-      throw Error(ErrorKind::kInternal, path + ": the metadata's \"" + key + "\" cannot be written");
+  const auto bad = std::ranges::find_if(metadata, [](const auto& entry) {
+    const auto& [key, value] = entry;
+    return find_invalid_utf8(key) || find_invalid_utf8(value) || key == "crc32c" ||
+           key.starts_with("crc32c.");
+  });
+  if (bad != metadata.end())
+    throw Error(ErrorKind::kInternal, path + ": the metadata's \"" + bad->first + "\" cannot be written");
 }
 
 std::string json_string(const std::string& text) { return nlohmann::json(text).dump(); }
