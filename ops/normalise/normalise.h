@@ -18,7 +18,8 @@ Value group_norm(Value x, std::int64_t groups, Value weight, Value bias, double 
 Value weight_standardise(Value weight, double eps);
 
 /// (x - min) / (max - min) over all elements; zeros everywhere if max - min <= 1e-6 · max(1, |max|), a scene
-/// without relief (spec, section 1).
+/// without relief (spec, section 1). NaN everywhere if an element is NaN or infinite, so that it is never
+/// normalised away.
 Value min_max_normalise(Value x);
 
 }  // namespace slide::ops

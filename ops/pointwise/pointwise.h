@@ -4,7 +4,7 @@
 
 namespace slide::ops {
 
-// One value in, one value out; any shape.
+// One value in, one value out; any shape. NaN in gives NaN out, except for greater().
 Value relu(Value x);                                ///< max(x, 0)
 Value relu6(Value x);                               ///< min(max(x, 0), 6)
 Value leaky_relu(Value x, double slope);            ///< x, or slope·x where x < 0

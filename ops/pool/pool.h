@@ -16,7 +16,7 @@ struct PoolParams {
   bool count_include_pad = false;  ///< average pooling: padding counts as zeros (but never cells beyond it)
 };
 
-/// Maximum over a window of N×C×H×W; padding never wins.
+/// Maximum over a window of N×C×H×W; padding never wins; NaN if there is one in the window.
 Value max_pool2d(Value x, const PoolParams& params);
 /// Mean over a window of N×C×H×W.
 Value avg_pool2d(Value x, const PoolParams& params);

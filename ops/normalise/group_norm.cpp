@@ -1,0 +1,123 @@
+#include <cmath>
+
+#include "ops/common/elements.h"
+#include "ops/normalise/normalise.h"
+#include "ops/normalise/normalise_ops.h"
+
+namespace slide::ops {
+namespace {
+
+struct Moments {
+  double mean, variance;
+};
+
+/// Mean and biased variance of `count` numbers.
+Moments moments(const double* x, std::int64_t count) {
+  const double n = static_cast<double>(count);
+  double sum = 0;
+  for (std::int64_t i = 0; i < count; ++i) sum += x[i];
+  const double mean = sum / n;
+  double squares = 0;
+  for (std::int64_t i = 0; i < count; ++i) squares += (x[i] - mean) * (x[i] - mean);
+  return {mean, squares / n};
+}
+
+/// Calls f(element, channel, moments of its group) for every element.
+template <typename F>
+void for_groups(const Tensor& input, std::int64_t groups, F f) {
+  const Nchw in = nchw(input.shape());
+  const double* x = f64(input);
+  const std::int64_t channels = in.c / groups;
+  const std::int64_t count = channels * in.plane();
+  for_ranges(in.n * groups, 1, [&](std::int64_t group, std::int64_t) {
+    const Moments m = moments(x + group * count, count);
+    for (std::int64_t i = 0; i < count; ++i)
+      f(group * count + i, group % groups * channels + i / in.plane(), m);
+  });
+}
+
+}  // namespace
+
+std::string GroupNormOp::attributes() const {
+  return std::to_string(groups_) + " groups eps " + number_text(eps_);
+}
+
+Shape GroupNormOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("group_norm", inputs, 3, 3);
+  const Nchw in = nchw(inputs[0]);
+  require_at_least("number of groups", groups_, 1);
+  require(in.c % groups_ == 0, std::to_string(in.c) + " channels of " + inputs[0].text() +
+                                   " do not divide into " + std::to_string(groups_) + " groups");
+  require(std::isfinite(eps_) && eps_ >= 0, "eps is " + number_text(eps_));
+  require_shape("weight", inputs[1], {in.c});
+  require_shape("bias", inputs[2], {in.c});
+  return inputs[0];
+}
+
+void GroupNormOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  const double* x = f64(inputs[0]);
+  const double* weight = f64(inputs[1]);
+  const double* bias = f64(inputs[2]);
+  double* y = f64(output);
+  for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
+    y[i] = (x[i] - m.mean) / std::sqrt(m.variance + eps_) * weight[c] + bias[c];
+  });
+}
+
+/// |weight| / sqrt(var + eps) · (|x| + |mean|) + |bias|, as for batch norm: the kernels compute mean and
+/// variance in float64, whose error does not count beside this.
+void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
+  const double* x = f64(inputs[0]);
+  const double* weight = f64(inputs[1]);
+  const double* bias = f64(inputs[2]);
+  double* s = f64(scale);
+  for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
+    const double size = (std::fabs(x[i]) + std::fabs(m.mean)) / std::sqrt(m.variance + eps_);
+    s[i] = size * std::fabs(weight[c]) + std::fabs(bias[c]);
+  });
+}
+
+std::string WeightStandardiseOp::attributes() const { return "eps " + number_text(eps_); }
+
+Shape WeightStandardiseOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("weight_standardise", inputs, 1, 1);
+  static_cast<void>(nchw(inputs[0]));
+  require(std::isfinite(eps_) && eps_ >= 0, "eps is " + number_text(eps_));
+  return inputs[0];
+}
+
+void WeightStandardiseOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  const std::int64_t filters = output.shape()[0];
+  const std::int64_t count = output.count() / filters;
+  const double* w = f64(inputs[0]);
+  double* y = f64(output);
+  for_ranges(filters, 1, [&](std::int64_t filter, std::int64_t) {
+    const Moments m = moments(w + filter * count, count);
+    for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
+      y[i] = (w[i] - m.mean) / std::sqrt(m.variance + eps_);
+  });
+}
+
+/// (|w| + |mean|) / sqrt(var + eps).
+void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tensor& output,
+                                      Tensor& scale) const {
+  const std::int64_t filters = output.shape()[0];
+  const std::int64_t count = output.count() / filters;
+  const double* w = f64(inputs[0]);
+  double* s = f64(scale);
+  for (std::int64_t filter = 0; filter < filters; ++filter) {
+    const Moments m = moments(w + filter * count, count);
+    for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
+      s[i] = (std::fabs(w[i]) + std::fabs(m.mean)) / std::sqrt(m.variance + eps_);
+  }
+}
+
+Value group_norm(Value x, std::int64_t groups, Value weight, Value bias, double eps) {
+  return x.graph().add(std::make_shared<GroupNormOp>(groups, eps), {x, weight, bias});
+}
+
+Value weight_standardise(Value weight, double eps) {
+  return weight.graph().add(std::make_shared<WeightStandardiseOp>(eps), {weight});
+}
+
+}  // namespace slide::ops

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <cstdint>
+
+#include "runtime/op.h"
+
+namespace slide::ops {
+
+/// batch_norm(); inputs x, weight, bias, running_mean, running_var.
+class BatchNormOp : public Op {
+ public:
+  explicit BatchNormOp(double eps) : eps_(eps) {}
+  [[nodiscard]] double eps() const noexcept { return eps_; }
+
+  [[nodiscard]] std::string_view type() const override { return "batch_norm"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  double eps_;
+};
+
+/// group_norm(); inputs x, weight, bias.
+class GroupNormOp : public Op {
+ public:
+  GroupNormOp(std::int64_t groups, double eps) : groups_(groups), eps_(eps) {}
+  [[nodiscard]] std::int64_t groups() const noexcept { return groups_; }
+  [[nodiscard]] double eps() const noexcept { return eps_; }
+
+  [[nodiscard]] std::string_view type() const override { return "group_norm"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  std::int64_t groups_;
+  double eps_;
+};
+
+/// weight_standardise(); input weight.
+class WeightStandardiseOp : public Op {
+ public:
+  explicit WeightStandardiseOp(double eps) : eps_(eps) {}
+  [[nodiscard]] double eps() const noexcept { return eps_; }
+
+  [[nodiscard]] std::string_view type() const override { return "weight_standardise"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  double eps_;
+};
+
+/// min_max_normalise().
+class MinMaxNormaliseOp : public Op {
+ public:
+  [[nodiscard]] std::string_view type() const override { return "min_max_normalise"; }
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+};
+
+/// Whether a smallest and a largest value make a scene without relief.
+[[nodiscard]] bool without_relief(double least, double largest) noexcept;
+
+}  // namespace slide::ops
