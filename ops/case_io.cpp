@@ -1,0 +1,79 @@
+#include "ops/case_io.h"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "runtime/error.h"
+#include "runtime/safetensors.h"
+#include "runtime/safetensors_writer.h"
+
+namespace slide::ops {
+namespace {
+
+constexpr const char* kExpected = "expected";
+
+std::string metadata_or(const SafetensorsFile& file, std::string_view key, const std::string& otherwise) {
+  const auto it = file.metadata().find(key);
+  return it == file.metadata().end() ? otherwise : it->second;
+}
+
+/// The safetensors reader takes every file for a weight file; a case is an input.
+SafetensorsFile open_input(const std::string& path) {
+  try {
+    return SafetensorsFile::open(path);
+  } catch (const Error& e) {
+    if (e.kind() != ErrorKind::kBadWeights) throw;
+    throw Error(ErrorKind::kBadInput, e.what());
+  }
+}
+
+}  // namespace
+
+OperatorCase read_case(const std::string& path) {
+  const SafetensorsFile file = open_input(path);
+  OperatorCase result;
+  result.op = metadata_or(file, "op", "");
+  if (result.op.empty())
+    throw Error(ErrorKind::kBadInput, path + ": not an operator case: there is no metadata \"op\"");
+  result.attributes = metadata_or(file, "attributes", "{}");
+  result.source = metadata_or(file, "source", "");
+  for (const TensorInfo& info : file.tensors()) {
+    if (info.name == kExpected)
+      result.expected = file.tensor(info.name);
+    else
+      result.inputs.emplace_back(info.name, file.tensor(info.name));
+  }
+  if (!file.contains(kExpected))
+    throw Error(ErrorKind::kBadInput, path + ": not an operator case: there is no tensor \"expected\"");
+  const DType type = file.info(kExpected).dtype;
+  if (type != DType::kF64 && type != DType::kF32)
+    throw Error(ErrorKind::kBadInput, path + ": the tensor \"expected\" is " + std::string(name_of(type)) +
+                                          ", F64 or F32 is needed");
+  return result;
+}
+
+void write_case(const std::string& path, const OperatorCase& operator_case) {
+  std::vector<std::pair<std::string, Tensor>> tensors = operator_case.inputs;
+  tensors.emplace_back(kExpected, operator_case.expected);
+  Metadata metadata{{"op", operator_case.op}, {"attributes", operator_case.attributes}};
+  if (!operator_case.source.empty()) metadata["source"] = operator_case.source;
+  write_safetensors(path, tensors, metadata);
+}
+
+std::vector<std::string> case_files(const std::string& path) {
+  namespace fs = std::filesystem;
+  std::error_code error;
+  const fs::file_status status = fs::status(path, error);
+  if (!fs::exists(status)) throw Error(ErrorKind::kBadInput, path + ": there is no such file or folder");
+  if (!fs::is_directory(status)) return {path};
+  std::vector<std::string> files;
+  for (fs::recursive_directory_iterator it(path, error), end; !error && it != end; it.increment(error))
+    if (it->path().extension() == ".safetensors" && !it->is_directory(error))
+      files.push_back(it->path().string());
+  if (error) throw Error(ErrorKind::kBadInput, path + ": cannot read the folder: " + error.message());
+  if (files.empty()) throw Error(ErrorKind::kBadInput, path + ": the folder holds no .safetensors file");
+  std::sort(files.begin(), files.end());
+  return files;
+}
+
+}  // namespace slide::ops

@@ -1,0 +1,34 @@
+#pragma once
+
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "runtime/tensor.h"
+
+namespace slide::ops {
+
+/// One call of one operator with the result it should give, as it lies in a safetensors file: the inputs by
+/// the operator's input names and the tensor "expected"; metadata "op", "attributes" (a JSON object) and
+/// "source" (where the numbers come from). The table of operators is in docs/operators.md.
+struct OperatorCase {
+  std::string op;
+  std::string attributes = "{}";
+  std::string source;
+  std::vector<std::pair<std::string, Tensor>> inputs;  ///< of any element type, in the file's order
+  Tensor expected;                                     ///< F64 or F32
+};
+
+/// Reads a case; the tensors are views of the mapped file. Throws Error(kBadInput) naming the file if it is
+/// not a sound safetensors file, has no metadata "op", no tensor "expected", or one that is not F64 or F32.
+[[nodiscard]] OperatorCase read_case(const std::string& path);
+
+/// Writes a case so that read_case() gives the same back. Throws Error(kBadInput) if the file cannot be
+/// written.
+void write_case(const std::string& path, const OperatorCase& operator_case);
+
+/// The case files that a path stands for: itself, or if it is a folder, every *.safetensors in it and below,
+/// sorted. Throws Error(kBadInput) if there is no such file or the folder holds none.
+[[nodiscard]] std::vector<std::string> case_files(const std::string& path);
+
+}  // namespace slide::ops
