@@ -1,0 +1,127 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "graphs/layering.h"
+#include "graphs/windows.h"
+#include "runtime/cpu.h"
+#include "runtime/graph.h"
+#include "runtime/run.h"
+#include "runtime/weights.h"
+
+namespace slide::graphs {
+
+/// A network by its name in the catalogue, and its weights. No weights: the network is not used.
+struct NetworkChoice {
+  std::string model;
+  const WeightSource* weights = nullptr;  ///< must outlive the use
+  [[nodiscard]] bool chosen() const noexcept { return weights != nullptr; }
+};
+
+/// The networks a 3D photo is made with.
+struct SlideModels {
+  NetworkChoice depth;  ///< midas_v21, midas_v21_small, slide_depth
+  NetworkChoice
+      inpaint;  ///< inpaint_coarse, inpaint_deepfill, slide_inpaint; none: the depth-aware fill alone
+  NetworkChoice saliency;  ///< u2net, u2netp, slide_matte: a soft matte of the salient subject
+  NetworkChoice matting;   ///< fba: refines the saliency network's matte
+};
+
+/// Whether a matte of the salient subject takes part (spec section 2.4).
+enum class MatteUse {
+  kNever,
+  kAuto,    ///< the saliency network runs, and its matte is used if something stands out: see SalientSubject
+  kAlways,  ///< the matte is used whatever it shows
+};
+
+/// What is known before the networks run.
+struct SlideInput {
+  Tensor image;      ///< 1×3×H×W, F32, [0, 1]
+  Tensor disparity;  ///< 1×1×H×W in any range, larger is nearer; empty: the depth network estimates it
+  Tensor matte;      ///< 1×1×H×W in [0, 1]; empty: see MatteUse
+};
+
+/// One line on the whole way: the stage, how far it is (0 to 1), and the node that runs next. False cancels.
+using StageCallback = std::function<bool(const std::string& stage, double part, std::string_view node)>;
+
+struct SlideOptions {
+  LayeringParams layering;
+  MatteUse matte = MatteUse::kNever;
+  bool whole_image = false;      ///< inpaint the whole image in one piece instead of the windows that need it
+  std::size_t memory_limit = 0;  ///< bytes for one stage's plan; 0: no limit
+  Isa isa = active_isa();
+  StageCallback progress;
+};
+
+/// What one stage took.
+struct StageReport {
+  std::string name;        ///< "depth", "saliency", "matting", "layering", "inpainting"
+  double seconds = 0;      ///< planning and weights included
+  double gflop = 0;        ///< of the definition, 2 a multiply-accumulate
+  std::size_t memory = 0;  ///< bytes of the largest plan
+};
+
+/// What was modelled and what was skipped, with the numbers.
+struct SlideReport {
+  Layering layering{};
+  std::vector<StageReport> stages;
+  bool relief = true;  ///< false: the disparity is flat, the scene is one layer
+  bool matte_used = false;
+  double matte_coverage = 0;    ///< fraction of pixels with a matte above one half, where there is one
+  double hole_fraction = 0;     ///< of the image's pixels
+  std::vector<Window> windows;  ///< what was inpainted
+  double window_fraction = 0;   ///< their area over the image's
+  std::string inpainting;       ///< the network, "fill", or "none" with the reason
+};
+
+/// The layers of a 3D photo and the maps they come from, all F32; maps are 1×1×H×W in [0, 1].
+struct SlideLayers {
+  Tensor image;                 ///< I, 1×3×H×W
+  Tensor disparity;             ///< D
+  Tensor conditioned;           ///< D1, the foreground's geometry
+  Tensor visibility;            ///< A, or A' with a matte
+  Tensor disocclusion;          ///< S
+  Tensor occlusion;             ///< S_hat
+  Tensor hole;                  ///< H
+  Tensor matte;                 ///< M; empty if none was used
+  Tensor background_image;      ///< I_bg; empty if one layer is enough
+  Tensor background_disparity;  ///< D_bg <= D1; empty likewise
+  SlideReport report;
+  [[nodiscard]] bool has_background() const noexcept { return !background_image.empty(); }
+};
+
+/// Makes the two layers from a photo: depth, matte if asked for, soft layering, and the inpainted background
+/// where the camera path can uncover it. A scene without relief or without a hole is one layer, and nothing
+/// is inpainted. Throws Error(kUsage) for parameters and sizes out of range, Error(kBadInput) for NaN or
+/// infinite values in a given map (naming the first such pixel), Error(kBadWeights), Error(kOutOfMemory)
+/// before a stage that is over the limit, Error(kInternal) if a network's output is not finite,
+/// Error(kCancelled).
+[[nodiscard]] SlideLayers make_layers(const SlideInput& input, const SlideModels& models,
+                                      const SlideOptions& options);
+
+/// What plans without running: the memory and arithmetic of every stage for an image of that size, inpainting
+/// the whole of it (the windows, which depend on the photo, need no more).
+[[nodiscard]] std::vector<StageReport> plan_layers(std::int64_t height, std::int64_t width,
+                                                   const SlideModels& models, const SlideInput& known,
+                                                   const SlideOptions& options);
+
+/// The whole as one graph, as the paper has it: from a photo 1×3×H×W to both layers in one pass over each
+/// network. make_layers() gives the same, stage by stage, with what the scene does not need left out.
+struct SlideGraph {
+  Value disparity;
+  LayeringMaps maps;
+  Value background_image;
+  Value background_disparity;
+};
+SlideGraph slide_graph(Value image, const SlideModels& models, const Layering& layering,
+                       std::optional<Value> matte = std::nullopt);
+
+/// The weights of slide_graph()'s networks as one source. The models must outlive it.
+[[nodiscard]] std::unique_ptr<WeightSource> slide_weights(const SlideModels& models);
+
+}  // namespace slide::graphs

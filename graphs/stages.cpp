@@ -1,0 +1,121 @@
+#include "graphs/stages.h"
+
+#include <algorithm>
+#include <string>
+
+#include "graphs/inpaint_coarse.h"
+#include "graphs/inpaint_deepfill.h"
+#include "graphs/midas_io.h"
+#include "graphs/midas_v21.h"
+#include "graphs/midas_v21_small.h"
+#include "graphs/u2net.h"
+#include "ops/normalise/normalise.h"
+#include "ops/pointwise/pointwise.h"
+#include "ops/reduce/reduce.h"
+#include "ops/resize/resize.h"
+#include "ops/tensor_shape/tensor_shape.h"
+#include "runtime/error.h"
+
+namespace slide::graphs {
+namespace {
+
+constexpr std::int64_t kSaliencySide = 320;
+
+ImageSize size_of_image(Value x) { return {x.shape()[2], x.shape()[3]}; }
+
+Error wrong_model(const NetworkChoice& network, const std::string& role, const std::string& models) {
+  return Error(ErrorKind::kUsage, "the model " + network.model + " is no " + role + " network",
+               "one of: " + models);
+}
+
+/// Edge padding at the bottom and right to multiples of m.
+Value pad_to_multiple(Value x, std::int64_t m) {
+  const auto missing = [&](std::int64_t extent) { return (m - extent % m) % m; };
+  const std::int64_t bottom = missing(x.shape()[2]);
+  const std::int64_t right = missing(x.shape()[3]);
+  return bottom == 0 && right == 0 ? x : ops::pad(x, {0, 0, bottom, right}, ops::PadMode::kEdge);
+}
+
+Value crop(Value x, ImageSize size) {
+  if (x.shape()[2] != size.height) x = ops::slice(x, 2, 0, size.height);
+  if (x.shape()[3] != size.width) x = ops::slice(x, 3, 0, size.width);
+  return x;
+}
+
+/// hole ? inside : outside, for a hole of zeros and ones
+Value select(Value hole, Value inside, Value outside) {
+  return ops::add(outside, ops::mul(hole, ops::sub(inside, outside)));
+}
+
+/// Completed RGBD in [0, 1] from RGBD in [0, 1].
+Value complete(Value rgbd, Value hole, const NetworkChoice& network) {
+  const Value signed_rgbd = ops::affine(rgbd, 2, -1);
+  Value completed = signed_rgbd;
+  if (network.model == "inpaint_coarse")
+    completed = inpaint_coarse(signed_rgbd, hole, InpaintCoarseConfig::from_weights(*network.weights));
+  else if (network.model == "inpaint_deepfill")
+    completed =
+        inpaint_deepfill(signed_rgbd, hole, InpaintDeepfillConfig::from_weights(*network.weights)).refined;
+  else
+    throw wrong_model(network, "inpainting", "slide_inpaint, inpaint_coarse, inpaint_deepfill");
+  return ops::clip(ops::affine(completed, 0.5, 0.5), 0, 1);
+}
+
+}  // namespace
+
+Value estimate_disparity(Value image, const NetworkChoice& network) {
+  const ImageSize size = size_of_image(image);
+  Value inverse_depth = image;
+  if (network.model == "midas_v21")
+    inverse_depth = midas_v21(midas_preprocess(image, midas_working_size(size, 384)));
+  else if (network.model == "midas_v21_small")
+    inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
+  else
+    throw wrong_model(network, "depth", "slide_depth, midas_v21, midas_v21_small");
+  return ops::min_max_normalise(midas_postprocess(inverse_depth, size));
+}
+
+Value estimate_matte(Value image, const NetworkChoice& network) {
+  const ImageSize size = size_of_image(image);
+  const Value brightest = ops::maximum(ops::reduce_max(image, {1, 2, 3}),
+                                       ops::affine(ops::reduce_max(image, {1, 2, 3}), 0, 1e-6));
+  const Value input = midas_preprocess(ops::div(image, brightest), {kSaliencySide, kSaliencySide});
+  Value map = input;
+  if (network.model == "u2net")
+    map = u2net(input)[0];
+  else if (network.model == "u2netp" || network.model == "slide_matte")
+    map = u2netp(input)[0];
+  else
+    throw wrong_model(network, "saliency", "slide_matte, u2netp, u2net");
+  return ops::resize_bilinear(ops::min_max_normalise(map), size.height, size.width, false);
+}
+
+Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
+                              const NetworkChoice& network) {
+  const ImageSize size = size_of_image(image);
+  const std::int64_t multiple = inpaint_reach(network).alignment;
+  const Value rgbd = pad_to_multiple(ops::concat({image, disparity}, 1), multiple);
+  const Value completed = crop(complete(rgbd, pad_to_multiple(hole, multiple), network), size);
+  const auto composite = [&](Value net, Value known) {
+    const Value mixed = ops::add(known, ops::mul(disocclusion, ops::sub(net, known)));
+    return select(hole, mixed, known);
+  };
+  const Value colour = composite(ops::slice(completed, 1, 0, 3), image);
+  const Value behind = composite(ops::slice(completed, 1, 3, 4), disparity);
+  return {colour, ops::minimum(behind, disparity)};
+}
+
+InpaintReach inpaint_reach(const NetworkChoice& network) {
+  // Coarse network: 5×5 s2 sees 2; 3×3 at stride 2: 2 + 2; at stride 4: 8 for two layers, 4·(2+4+8+16) for
+  // the dilated ones, 8 for two more; on the way up 4 and 3; and up to 3 by where a pixel falls in its cell
+  // of four.
+  constexpr std::int64_t kCoarse = 2 + 2 + 2 + 8 + 4 * (2 + 4 + 8 + 16) + 8 + 4 + 3 + 3;
+  if (network.model == "inpaint_coarse") return {kCoarse, 4, true};
+  // Attention reaches everywhere; the dilated branches of both stages reach twice the coarse network's
+  // radius.
+  if (network.model == "inpaint_deepfill") return {2 * kCoarse + 8, 8, false};
+  if (network.model == "slide_inpaint") return {kCoarse + 8, 4, false};
+  return {64, 4, false};  // the fill: averages of ever wider surroundings
+}
+
+}  // namespace slide::graphs

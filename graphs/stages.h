@@ -1,0 +1,46 @@
+#pragma once
+
+#include "graphs/layering.h"
+#include "graphs/slide.h"
+#include "runtime/graph.h"
+
+namespace slide::graphs {
+
+/// The stages of a 3D photo between images: each takes and gives tensors at the photo's size and hides what its networks
+/// want (their sizes, ranges and layouts).
+
+/// D: the depth network's disparity, min-max normalised; 0 everywhere if there is no relief.
+/// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
+/// Throws Error(kUsage) if the model is no depth network.
+Value estimate_disparity(Value image, const NetworkChoice& network);
+
+/// M: the saliency network's map, computed at 320×320, min-max normalised as the authors do, bilinear back.
+/// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
+Value estimate_matte(Value image, const NetworkChoice& network);
+
+/// The inpainted background.
+struct Background {
+  Value image;      ///< I_bg = S·net + (1 - S)·I inside H, I elsewhere
+  Value disparity;  ///< D_bg, the same from D1, and never above D1
+};
+
+/// Depth-aware RGBD inpainting and the spec's composite (section 3). Sides that the network cannot take are
+/// padded at the bottom and right by the border pixel, and cut again. Without a network the depth-aware fill
+/// stands in for it.
+/// @param image        1×3×H×W in [0, 1]
+/// @param disparity    D1, 1×1×H×W
+/// @param disocclusion S, 1×1×H×W
+/// @param hole         H, 1×1×H×W
+/// Throws Error(kUsage) if the model is no inpainting network.
+Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
+                              const NetworkChoice& network);
+
+/// How much of the surroundings an inpainting network sees.
+struct InpaintReach {
+  std::int64_t radius;     ///< pixels: what lies farther from a pixel does not change its result
+  std::int64_t alignment;  ///< the network's stride: windows must start at its multiples
+  bool exact;  ///< false: some influence has no limit, and the radius is where it has become small
+};
+[[nodiscard]] InpaintReach inpaint_reach(const NetworkChoice& network);
+
+}  // namespace slide::graphs
