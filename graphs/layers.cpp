@@ -1,0 +1,81 @@
+#include "graphs/layers.h"
+
+#include <algorithm>
+
+#include "ops/conv2d/conv2d.h"
+#include "ops/normalise/normalise.h"
+#include "runtime/error.h"
+
+namespace slide::graphs {
+namespace {
+
+Value convolve(Value x, std::string_view name, const ConvLayer& layer, const ops::Conv2dParams& params) {
+  Graph& g = x.graph();
+  const auto scope = g.scope(name);
+  const Value weight =
+      g.parameter("weight", {layer.filters, x.shape()[1] / layer.groups, layer.kernel, layer.kernel});
+  std::optional<Value> bias;
+  if (layer.bias) bias = g.parameter("bias", {layer.filters});
+  return ops::conv2d(x, weight, bias, params);
+}
+
+}  // namespace
+
+Value conv2d(Value x, std::string_view name, const ConvLayer& layer) {
+  return convolve(x, name, layer,
+                  ops::Conv2dParams::same(layer.kernel, layer.stride, layer.dilation, layer.groups));
+}
+
+Value conv2d_tf_same(Value x, std::string_view name, const ConvLayer& layer) {
+  ops::Conv2dParams params;
+  params.stride = {layer.stride, layer.stride};
+  params.dilation = {layer.dilation, layer.dilation};
+  params.groups = layer.groups;
+  for (int axis = 0; axis < 2; ++axis) {
+    const std::int64_t size = x.shape()[2 + axis];
+    const std::int64_t output = (size + layer.stride - 1) / layer.stride;
+    const std::int64_t covered = (output - 1) * layer.stride + layer.dilation * (layer.kernel - 1) + 1;
+    const std::int64_t total = std::max<std::int64_t>(covered - size, 0);
+    params.padding[static_cast<std::size_t>(axis)] = total / 2;
+    params.padding[static_cast<std::size_t>(axis + 2)] = total - total / 2;
+  }
+  return convolve(x, name, layer, params);
+}
+
+Value batch_norm(Value x, std::string_view name, double eps) {
+  Graph& g = x.graph();
+  const auto scope = g.scope(name);
+  const Shape channels{x.shape()[1]};
+  const Value weight = g.parameter("weight", channels);
+  const Value bias = g.parameter("bias", channels);
+  const Value mean = g.parameter("running_mean", channels);
+  const Value var = g.parameter("running_var", channels);
+  return ops::batch_norm(x, weight, bias, mean, var, eps);
+}
+
+Value group_norm(Value x, std::string_view name, std::int64_t groups, double eps) {
+  Graph& g = x.graph();
+  const auto scope = g.scope(name);
+  const Shape channels{x.shape()[1]};
+  const Value weight = g.parameter("weight", channels);
+  const Value bias = g.parameter("bias", channels);
+  return ops::group_norm(x, groups, weight, bias, eps);
+}
+
+void require_image(std::string_view network, Value x, std::int64_t channels, std::int64_t multiple) {
+  const Shape& s = x.shape();
+  if (s.rank() == 4 && s[0] == 1 && s[1] == channels && s[2] > 0 && s[3] > 0 && s[2] % multiple == 0 &&
+      s[3] % multiple == 0)
+    return;
+  std::string wanted = "1x" + std::to_string(channels) + "xHxW";
+  if (multiple > 1) wanted += " with H and W multiples of " + std::to_string(multiple);
+  throw Error(ErrorKind::kUsage,
+              std::string(network) + ": an input has shape " + s.text() + ", " + wanted + " is needed");
+}
+
+Value tapped(std::string_view name, Value x) {
+  x.graph().tap(name, x);
+  return x;
+}
+
+}  // namespace slide::graphs

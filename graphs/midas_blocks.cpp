@@ -1,0 +1,47 @@
+#include "graphs/midas_blocks.h"
+
+#include "graphs/layers.h"
+#include "ops/pointwise/pointwise.h"
+#include "ops/resize/resize.h"
+
+namespace slide::graphs {
+namespace {
+
+Value refine_and_upsample(Value x, const FusionBlock& block) {
+  x = residual_conv_unit(x, "resConfUnit2", block.skip);
+  x = ops::resize_bilinear(x, 2 * x.shape()[2], 2 * x.shape()[3], true);
+  if (block.out_channels > 0) x = conv2d(x, "out_conv", {.filters = block.out_channels, .kernel = 1});
+  return x;
+}
+
+}  // namespace
+
+Value residual_conv_unit(Value x, std::string_view name, ResidualSkip skip) {
+  const auto scope = x.graph().scope(name);
+  const std::int64_t channels = x.shape()[1];
+  const Value rectified = ops::relu(x);
+  Value y = conv2d(rectified, "conv1", {.filters = channels});
+  y = conv2d(ops::relu(y), "conv2", {.filters = channels});
+  return ops::add(y, skip == ResidualSkip::kRectified ? rectified : x);
+}
+
+Value fuse_features(Value path, const FusionBlock& block, std::string_view name) {
+  const auto scope = path.graph().scope(name);
+  return refine_and_upsample(path, block);
+}
+
+Value fuse_features(Value path, Value level, const FusionBlock& block, std::string_view name) {
+  const auto scope = path.graph().scope(name);
+  const Value sum = ops::add(path, residual_conv_unit(level, "resConfUnit1", block.skip));
+  return refine_and_upsample(sum, block);
+}
+
+Value depth_head(Value x, std::int64_t channels) {
+  const auto scope = x.graph().scope("output_conv");
+  x = conv2d(x, "0", {.filters = channels});
+  x = ops::resize_bilinear(x, 2 * x.shape()[2], 2 * x.shape()[3], false);
+  x = ops::relu(conv2d(x, "2", {.filters = 32}));
+  return ops::relu(conv2d(x, "4", {.filters = 1, .kernel = 1}));
+}
+
+}  // namespace slide::graphs
