@@ -1,0 +1,123 @@
+#include "render/child_process.h"
+
+#include <spawn.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <csignal>
+#include <system_error>
+
+#include "runtime/error.h"
+
+extern char** environ;
+
+namespace slide {
+namespace {
+
+/// posix_spawn's two option objects, released together.
+struct SpawnOptions {
+  posix_spawn_file_actions_t actions{};
+  posix_spawnattr_t attributes{};
+
+  SpawnOptions() {
+    posix_spawn_file_actions_init(&actions);
+    posix_spawnattr_init(&attributes);
+  }
+  ~SpawnOptions() {
+    posix_spawn_file_actions_destroy(&actions);
+    posix_spawnattr_destroy(&attributes);
+  }
+  SpawnOptions(const SpawnOptions&) = delete;
+  SpawnOptions& operator=(const SpawnOptions&) = delete;
+};
+
+int wait_for(pid_t pid) {
+  int status = 0;
+  while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
+  }
+  return status;
+}
+
+}  // namespace
+
+ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::string& remedy)
+    : program_(arguments.at(0)) {
+  // A socket, not a pipe: send() can be told to raise no SIGPIPE.
+  std::array<int, 2> ends{};
+  output_.reset(std::tmpfile());
+  if (!output_ || ::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) {
+    throw Error(ErrorKind::kUsage,
+                "cannot start " + program_ + ": " + std::generic_category().message(errno));
+  }
+  input_ = ends[0];
+  SpawnOptions options;
+  posix_spawn_file_actions_adddup2(&options.actions, ends[1], STDIN_FILENO);
+  posix_spawn_file_actions_adddup2(&options.actions, ::fileno(output_.get()), STDOUT_FILENO);
+  posix_spawn_file_actions_adddup2(&options.actions, ::fileno(output_.get()), STDERR_FILENO);
+  sigset_t defaults;
+  sigemptyset(&defaults);
+  sigaddset(&defaults, SIGPIPE);
+  posix_spawnattr_setsigdefault(&options.attributes, &defaults);
+  posix_spawnattr_setflags(&options.attributes, POSIX_SPAWN_SETSIGDEF);
+  std::vector<char*> argv;
+  for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
+  argv.push_back(nullptr);
+  const int code =
+      ::posix_spawnp(&pid_, argv[0], &options.actions, &options.attributes, argv.data(), environ);
+  ::close(ends[1]);
+  if (code == 0) return;
+  pid_ = -1;
+  ::close(input_);
+  throw Error(ErrorKind::kUsage,
+              code == ENOENT ? program_ + " was not found on PATH"
+                             : "cannot start " + program_ + ": " + std::generic_category().message(code),
+              remedy);
+}
+
+ChildProcess::~ChildProcess() {
+  if (input_ >= 0) ::close(input_);
+  if (pid_ < 0) return;
+  ::kill(pid_, SIGKILL);
+  wait_for(pid_);
+}
+
+bool ChildProcess::write(std::span<const std::byte> bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::send(input_, bytes.data(), bytes.size(), MSG_NOSIGNAL);
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return false;
+    bytes = bytes.subspan(static_cast<std::size_t>(n));
+  }
+  return true;
+}
+
+void ChildProcess::wait() {
+  ::close(input_);
+  input_ = -1;
+  const int status = wait_for(pid_);
+  pid_ = -1;
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
+  const std::string how = WIFSIGNALED(status) ? "signal " + std::to_string(WTERMSIG(status))
+                                              : "exit status " + std::to_string(WEXITSTATUS(status));
+  throw Error(ErrorKind::kUsage, program_ + " failed (" + how + "): " + printed());
+}
+
+/// The last few hundred characters, on one line.
+std::string ChildProcess::printed() const {
+  constexpr long kLongest = 600;
+  std::fseek(output_.get(), 0, SEEK_END);
+  const long length = std::ftell(output_.get());
+  std::fseek(output_.get(), std::max(0L, length - kLongest), SEEK_SET);
+  std::array<char, kLongest> text{};
+  const std::size_t n = std::fread(text.data(), 1, text.size(), output_.get());
+  std::string line(text.data(), n);
+  std::replace(line.begin(), line.end(), '\n', ' ');
+  while (!line.empty() && line.back() == ' ') line.pop_back();
+  return line.empty() ? "it printed nothing" : line;
+}
+
+}  // namespace slide

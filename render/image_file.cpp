@@ -1,0 +1,213 @@
+#include "render/image_file.h"
+
+#include <algorithm>
+#include <cerrno>
+#include <cmath>
+#include <cstdio>
+#include <filesystem>
+#include <memory>
+#include <new>
+#include <system_error>
+
+#include "render/codec.h"
+#include "render/oiio.h"
+#include "runtime/error.h"
+
+namespace slide {
+namespace {
+
+[[noreturn]] void unreadable(const std::string& path, int code) {
+  throw Error(ErrorKind::kBadInput, "cannot read " + path + ": " + std::generic_category().message(code));
+}
+
+[[noreturn]] void out_of_memory(const std::string& name) {
+  throw Error(ErrorKind::kOutOfMemory, "no memory to read " + name, "use a smaller image");
+}
+
+/// JPEG and PNG by their content, nothing for other formats.
+std::optional<Decoded> decode_known(std::span<const std::uint8_t> bytes, const std::string& name) {
+  if (is_jpeg(bytes)) return decode_jpeg(bytes, name);
+  if (is_png(bytes)) return decode_png(bytes, name);
+  return std::nullopt;
+}
+
+[[noreturn]] void unknown_format(const std::string& name) {
+  throw Error(ErrorKind::kBadInput, name + " is neither a JPEG nor a PNG file");
+}
+
+/// One channel of an interleaved image.
+Image channel_of(const Image& image, int channel) {
+  Image out(image.width, image.height, 1);
+  for (std::size_t i = 0; i < out.data.size(); ++i) {
+    out.data[i] =
+        image.data[i * static_cast<std::size_t>(image.channels) + static_cast<std::size_t>(channel)];
+  }
+  return out;
+}
+
+Image flattened_on_black(const Image& image, const Image& alpha) {
+  const bool grey = image.channels <= 2;
+  Image out(image.width, image.height, 3);
+  const auto channels = static_cast<std::size_t>(image.channels);
+  for (std::size_t i = 0; i < image.pixels(); ++i) {
+    const float a = alpha.empty() ? 1.0F : alpha.data[i];
+    for (std::size_t c = 0; c < 3; ++c) out.data[3 * i + c] = a * image.data[channels * i + (grey ? 0 : c)];
+  }
+  return out;
+}
+
+Photo to_photo(Decoded decoded, const std::string& name) {
+  const Image& stored = decoded.image;
+  Photo photo;
+  const std::optional<double> focal = focal_length_pixels(decoded.exif, stored.width, stored.height);
+  for (const float v : stored.data) {
+    if (!std::isfinite(v)) throw Error(ErrorKind::kBadInput, name + " holds NaN or infinite colours");
+  }
+  if (stored.channels == 2 || stored.channels == 4) photo.alpha = channel_of(stored, stored.channels - 1);
+  if (std::all_of(photo.alpha.data.begin(), photo.alpha.data.end(), [](float a) { return a >= 1; })) {
+    photo.alpha = Image();
+  }
+  photo.colour = oriented(flattened_on_black(stored, photo.alpha), decoded.exif.orientation);
+  if (!photo.alpha.empty()) photo.alpha = oriented(std::move(photo.alpha), decoded.exif.orientation);
+  if (focal) photo.horizontal_fov = 2 * std::atan2(photo.colour.width / 2.0, *focal);
+  return photo;
+}
+
+void require_equal_channels(const Image& image, const std::string& name) {
+  if (image.channels < 3) return;
+  const auto channels = static_cast<std::size_t>(image.channels);
+  for (std::size_t i = 0; i < image.pixels(); ++i) {
+    const float* p = image.data.data() + channels * i;
+    if (p[0] == p[1] && p[1] == p[2]) continue;
+    if (std::isnan(p[0])) continue;  // named by require_finite
+    throw Error(ErrorKind::kBadInput, name + " is a colour image; a map needs one value per pixel",
+                "save it as a grey image");
+  }
+}
+
+void require_finite(const Image& map, const std::string& name) {
+  const auto bad = std::find_if(map.data.begin(), map.data.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == map.data.end()) return;
+  const auto i = bad - map.data.begin();
+  throw Error(ErrorKind::kBadInput,
+              name + ": the value at pixel (" + std::to_string(i % map.width) + ", " +
+                  std::to_string(i / map.width) + ") is " +
+                  (std::isnan(*bad) ? "not a number (NaN)" : "infinite"),
+              "replace such pixels by a value, for example that of the farthest point");
+}
+
+Image to_map(Decoded decoded, const std::string& name) {
+  require_equal_channels(decoded.image, name);
+  const Image map =
+      oriented(decoded.image.channels == 1 ? std::move(decoded.image) : channel_of(decoded.image, 0),
+               decoded.exif.orientation);
+  require_finite(map, name);
+  return map;
+}
+
+}  // namespace
+
+void check_image_size(std::int64_t width, std::int64_t height, const std::string& name) {
+  if (width < 1 || height < 1) throw Error(ErrorKind::kBadInput, name + " has no pixels");
+  if (width > kMaxImageSide || height > kMaxImageSide || width * height > kMaxImagePixels) {
+    throw Error(ErrorKind::kBadInput,
+                name + " is " + std::to_string(width) + " x " + std::to_string(height) + " pixels; at most " +
+                    std::to_string(kMaxImageSide) + " a side and " + std::to_string(kMaxImagePixels) +
+                    " in all are read",
+                "make it smaller first");
+  }
+}
+
+std::vector<std::uint8_t> read_file(const std::string& path) {
+  std::error_code code;
+  if (std::filesystem::is_directory(path, code)) unreadable(path, EISDIR);
+  const std::unique_ptr<std::FILE, int (*)(std::FILE*)> file(std::fopen(path.c_str(), "rb"), &std::fclose);
+  if (!file) unreadable(path, errno);
+  constexpr std::size_t kLargest = std::size_t{1} << 32U;
+  constexpr std::size_t kStep = std::size_t{1} << 20U;
+  std::vector<std::uint8_t> bytes;
+  try {
+    for (std::size_t filled = 0;;) {
+      bytes.resize(filled + kStep);
+      const std::size_t n = std::fread(bytes.data() + filled, 1, kStep, file.get());
+      filled += n;
+      if (n == kStep && filled < kLargest) continue;
+      if (std::ferror(file.get()) != 0) unreadable(path, errno);
+      if (filled >= kLargest) throw Error(ErrorKind::kBadInput, path + " is larger than 4 GiB");
+      bytes.resize(filled);
+      return bytes;
+    }
+  } catch (const std::bad_alloc&) {
+    out_of_memory(path);
+  }
+}
+
+Image oriented(Image image, int orientation) {
+  if (orientation < 2 || orientation > 8) return image;
+  const bool turned = orientation >= 5;
+  const int w = image.width;
+  const int h = image.height;
+  Image out(turned ? h : w, turned ? w : h, image.channels);
+  // Where pixel (x, y) of the shown image lies in the stored one.
+  const bool mirror_x = orientation == 2 || orientation == 3 || orientation == 7 || orientation == 8;
+  const bool mirror_y = orientation == 3 || orientation == 4 || orientation == 6 || orientation == 7;
+  for (int y = 0; y < out.height; ++y) {
+    for (int x = 0; x < out.width; ++x) {
+      const int u = turned ? y : x;
+      const int v = turned ? x : y;
+      const float* from =
+          image.row(mirror_y ? h - 1 - v : v) +
+          static_cast<std::size_t>(mirror_x ? w - 1 - u : u) * static_cast<std::size_t>(image.channels);
+      std::copy(from, from + image.channels,
+                out.row(y) + static_cast<std::size_t>(x) * static_cast<std::size_t>(image.channels));
+    }
+  }
+  return out;
+}
+
+Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name) {
+  try {
+    std::optional<Decoded> decoded = decode_known(bytes, name);
+    if (!decoded) unknown_format(name);
+    return to_photo(std::move(*decoded), name);
+  } catch (const std::bad_alloc&) {
+    out_of_memory(name);
+  }
+}
+
+Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name) {
+  try {
+    if (is_pfm(bytes)) return to_map({decode_pfm(bytes, name), {}}, name);
+    std::optional<Decoded> decoded = decode_known(bytes, name);
+    if (!decoded) unknown_format(name);
+    return to_map(std::move(*decoded), name);
+  } catch (const std::bad_alloc&) {
+    out_of_memory(name);
+  }
+}
+
+Photo read_photo(const std::string& path) {
+  std::vector<std::uint8_t> bytes = read_file(path);
+  if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
+  if (is_jpeg(bytes) || is_png(bytes)) return decode_photo(bytes, path);
+  bytes = {};
+  try {
+    return to_photo(read_through_openimageio(path, true), path);
+  } catch (const std::bad_alloc&) {
+    out_of_memory(path);
+  }
+}
+
+Image read_map(const std::string& path) {
+  std::vector<std::uint8_t> bytes = read_file(path);
+  if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
+  if (is_jpeg(bytes) || is_png(bytes) || is_pfm(bytes)) return decode_map(bytes, path);
+  bytes = {};
+  try {
+    return to_map(read_through_openimageio(path, false), path);
+  } catch (const std::bad_alloc&) {
+    out_of_memory(path);
+  }
+}
+
+}  // namespace slide

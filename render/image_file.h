@@ -1,0 +1,59 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "render/image.h"
+
+namespace slide {
+
+/// A photograph as read from a file, the right way up.
+struct Photo {
+  Image colour;  ///< H×W×3, [0, 1], sRGB-encoded
+  Image alpha;   ///< H×W×1, [0, 1], the file's own transparency; empty where the file is opaque
+  std::optional<double> horizontal_fov;  ///< radians, from EXIF; nothing where EXIF does not say
+};
+
+/// Reads a photograph. The type is found from the content, not from the name.
+///
+/// JPEG and PNG are read in every build (libjpeg-turbo, libpng); whatever else OpenImageIO knows in builds
+/// with it. 8 and 16 bits, grey, palette, interlaced and progressive files all become RGB. EXIF orientation
+/// is applied (all eight cases, in PNG too). Transparent pixels are flattened on black, since the colours
+/// stored under them mean nothing, and the transparency is kept beside, where it can serve as a matte. Colour
+/// profiles are not applied: values are taken as sRGB, as stored; linear light, as in OpenEXR, is clipped to
+/// [0, 1] and sRGB-encoded.
+///
+/// @throws Error(kBadInput) naming the file: missing, truncated or damaged, CMYK, more than kMaxImageSide
+/// pixels a
+///         side or kMaxImagePixels in all, or of a format this build does not read
+/// @throws Error(kOutOfMemory)
+[[nodiscard]] Photo read_photo(const std::string& path);
+
+/// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
+/// give [0, 1]; PFM gives its values as they are, of either byte order; EXR and others through OpenImageIO,
+/// in builds with it. Colour files are accepted if their three channels are equal; transparency is ignored.
+/// Orientation is applied.
+/// @throws Error(kBadInput) as above, and for a NaN or infinite value, naming the first such pixel
+[[nodiscard]] Image read_map(const std::string& path);
+
+/// The same from bytes in memory; `name` is what messages call them. JPEG, PNG and (maps only) PFM.
+[[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name);
+[[nodiscard]] Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name);
+
+/// The image turned as the EXIF Orientation tag (1..8) says it should be shown. Other values mean 1.
+[[nodiscard]] Image oriented(Image image, int orientation);
+
+inline constexpr int kMaxImageSide = 30000;
+inline constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 28;
+
+/// Refuses sizes outside of the limits above. @throws Error(kBadInput) naming `name`
+void check_image_size(std::int64_t width, std::int64_t height, const std::string& name);
+
+/// The bytes of a file. @throws Error(kBadInput) if it cannot be read, is a directory, or holds more than 4
+/// GiB
+[[nodiscard]] std::vector<std::uint8_t> read_file(const std::string& path);
+
+}  // namespace slide
