@@ -77,10 +77,10 @@ TEST_CASE("exp, elu, sigmoid and tanh keep their ULP bounds over the whole line 
           }
         }
       }
-      INFO(name_of(isa), " ", f.name, "(", worst_x, ") is ", worst, " ULP off");
+      INFO(std::string(name_of(isa)), " ", std::string(f.name), "(", worst_x, ") is ", worst, " ULP off");
       CHECK(worst <= f.bound);
       if (std::getenv("SLIDE_TEST_STRIDE") != nullptr)
-        MESSAGE(name_of(isa), " ", f.name, ": worst ", worst, " ULP at ", worst_x);
+        MESSAGE(std::string(name_of(isa)), " ", std::string(f.name), ": worst ", worst, " ULP at ", worst_x);
     }
   }
 }
