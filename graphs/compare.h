@@ -39,14 +39,14 @@ struct CompareOptions {
   Isa isa = active_isa();
   /// Where to write every computed node as an operator case (see ops/case_io.h): inputs in float32, expected
   /// output in float64. Nothing is written if it is empty; the folder is made if it is missing.
-  std::string dump_folder;
+  std::string dump_folder{};
   /// What the cases say about their source, beside the node's name.
-  std::string source;
+  std::string source{};
   /// Called before each node; returning false ends with Error(kCancelled).
-  ProgressCallback progress;
+  ProgressCallback progress{};
   /// Called with every computed node's tensors: float64 reference, and fast, which is empty where the plan
   /// has folded the node into the weights.
-  std::function<void(int node, const Tensor& reference, const Tensor& fast)> visit;
+  std::function<void(int node, const Tensor& reference, const Tensor& fast)> visit{};
 };
 
 /// A fast run beside the float64 reference, in the order of the graph.
