@@ -1,0 +1,87 @@
+"""Composites whose hidden background is known, with holes as the project's own layering makes them.
+
+A cut-out is pasted before a photo or a room. The scene's disparity is as soft and as badly aligned as a network's; D1 and the
+soft disocclusion S follow section 2 of the specification for a random parallax P; the hole is S > 0.05, grown by a pixel.
+Where the background photo uncovers parts of its own the truth is not known: those pixels carry no loss.
+"""
+import cv2
+import numpy as np
+
+from depth_data import DepthData, resize
+from pseudo_depth import SCALE
+
+
+def condition(d):
+    """Section 2.1: Gauss of deviation 1, then 3x3 maximum, the border replicated."""
+    return cv2.dilate(cv2.GaussianBlur(d, (7, 7), 1, borderType=cv2.BORDER_REPLICATE), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_REPLICATE)
+
+
+def floor_of(d, rho):
+    """Cone erosion along rows and columns; the radius of section 2.3 loses nothing and is left out."""
+    def along(v):
+        v = v.copy()
+        for i in range(1, len(v)):
+            np.minimum(v[i], v[i - 1] + rho, out=v[i])
+        for i in range(len(v) - 2, -1, -1):
+            np.minimum(v[i], v[i + 1] + rho, out=v[i])
+        return v
+    return np.minimum(along(d), along(np.ascontiguousarray(d.T)).T)
+
+
+def layering(d, parallax):
+    """D in [0, 1] -> D1, its floor, the hole"""
+    d1 = condition(d)
+    low = floor_of(d1, 1 / parallax)
+    s = np.tanh(parallax * (d1 - low))
+    return d1, low, cv2.dilate((s > .05).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+
+
+class InpaintData(DepthData):
+    def __init__(self, cache, seed, size, held=False):
+        super().__init__(cache, seed)
+        self.size = size
+        if held:
+            every = np.load(cache + '/held.npy')
+            self.usable, self.subjects = every, np.array([i for i in every if self.subject[i] == 2])
+            self.rooms, self.depth = np.load(cache + '/holdout_rgb.npy', mmap_mode='r'), np.load(cache + '/holdout_depth.npy', mmap_mode='r')
+
+    def background(self):
+        n, rng = self.size, self.rng
+        if rng.random() < .2:
+            i = rng.integers(len(self.rooms))
+            image, d, scale = self.rooms[i], 1 / np.maximum(self.depth[i].astype(np.float32) / 25.5, .5), .45
+        else:
+            i = self.usable[rng.integers(len(self.usable))]
+            image, d, scale = self.photos[i], self.disparities[i].astype(np.float32) / SCALE, 1.
+        h, w = d.shape
+        s = int(min(h, w) * rng.uniform(.55, 1))
+        y, x = rng.integers(0, h - s + 1), rng.integers(0, w - s + 1)
+        return resize(image[y:y + s, x:x + s], n, n).astype(np.float32) / 255, resize(d[y:y + s, x:x + s], n, n) * scale
+
+    def sample(self):
+        """-> scene and truth (4 x n x n, RGB in [-1, 1] and disparity in [-1, 1]), D1, floor, hole, loss mask, true outline"""
+        n, rng = self.size, self.rng
+        while True:
+            rgb, d = self.background()
+            i = self.subjects[rng.integers(len(self.subjects))]
+            image, matte = self.photos[i], self.mattes[i]
+            scale = n * rng.uniform(.5, 1.4) / matte.shape[0]
+            move = np.float32([[scale, 0, rng.uniform(-.4, .9) * n], [0, scale, rng.uniform(-.4, .8) * n]])
+            if rng.random() < .5:
+                image, matte = image[:, ::-1], matte[:, ::-1]
+            alpha = cv2.warpAffine(np.ascontiguousarray(matte), move, (n, n), flags=cv2.INTER_AREA).astype(np.float32) / 255
+            if .05 < (alpha > .5).mean() < .6:
+                break
+        cut = cv2.warpAffine(np.ascontiguousarray(image), move, (n, n), flags=cv2.INTER_AREA).astype(np.float32) / 255
+        scene = alpha[..., None] * cut + (1 - alpha[..., None]) * rgb
+        near = np.percentile(d[alpha > .5], 95) + rng.uniform(.1, .6)
+        front = cv2.GaussianBlur(np.where(alpha > rng.uniform(.15, .6), 1, 0).astype(np.float32), (0, 0), np.exp(rng.uniform(np.log(.3), np.log(3))))
+        d_scene = front * np.maximum(near, d) + (1 - front) * d
+        low, span = d_scene.min(), np.ptp(d_scene) + 1e-6
+        d1, floor, hole = layering((d_scene - low) / span, np.exp(rng.uniform(np.log(5), np.log(n * .22))))
+        cover = cv2.dilate((alpha > .02).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+        four = lambda c, v: np.ascontiguousarray(np.concatenate([c, v[..., None]], 2).transpose(2, 0, 1) * 2 - 1, np.float32)
+        truth = four(rgb, (d - low) / span)
+        if (hole * cover).sum() < 40:
+            return self.sample()
+        return four(scene, d1), truth, *(v[None].astype(np.float32) for v in (d1, floor, hole, hole * cover, cover))

@@ -1,0 +1,134 @@
+#!/usr/bin/python3
+"""Trains slide_depth.
+
+  train_depth.py --cache CACHE --out depth.pt --minutes 100 [--start weights.safetensors] [--device cuda]
+
+Goes on from depth.pt when it exists. Loss: MiDaS' scale- and shift-invariant trimmed error with multi-scale gradient
+matching (Ranftl et al. 2020, eq. 5 to 8), more weight on gradients along mattes, and, for rooms, the relative error of
+depth after the best scale and shift of disparity.
+"""
+import argparse
+import os
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from common import Average, Schedule, load_safetensors, save_checkpoint
+from depth_data import DepthData
+from depth_net import DepthNet
+
+# share of the schedule -> (probability, height, width, batch); larger crops late
+EARLY = [(.65, 192, 256, 8), (.15, 256, 192, 8), (.2, 256, 352, 4)]
+LATE = [(.45, 192, 256, 8), (.15, 256, 192, 8), (.4, 288, 384, 4)]
+
+
+def normalise(y):
+    flat = y.flatten(1)
+    t = flat.median(1, keepdim=True).values
+    return ((flat - t) / (flat - t).abs().mean(1, keepdim=True).clamp_min(1e-3)).view_as(y)
+
+
+def aligned(q, d):
+    """q after the least-squares scale and shift onto d, per picture"""
+    a, b = q.flatten(1), d.flatten(1)
+    ma, mb = a.mean(1, keepdim=True), b.mean(1, keepdim=True)
+    scale = ((a - ma) * (b - mb)).mean(1, keepdim=True) / ((a - ma) ** 2).mean(1, keepdim=True).clamp_min(1e-6)
+    return (scale * (a - ma) + mb).view_as(q)
+
+
+def loss_of(prediction, d, weight, edge, relative):
+    difference = normalise(prediction) - normalise(d)
+    error = difference.abs() * weight
+    cut = torch.quantile(error.detach().flatten(1)[:, ::4], .9, dim=1).view(-1, 1, 1)
+    total = torch.minimum(error, cut).mean()
+    believed = weight + 2 * edge
+    for k in range(4):
+        g, b = difference[:, ::2 ** k, ::2 ** k], believed[:, ::2 ** k, ::2 ** k]
+        dy, dx = (g[:, 1:] - g[:, :-1]).abs(), (g[:, :, 1:] - g[:, :, :-1]).abs()
+        total = total + .5 * ((dy * torch.minimum(b[:, 1:], b[:, :-1])).mean() + (dx * torch.minimum(b[:, :, 1:], b[:, :, :-1])).mean())
+    measured = (relative > 0).float()
+    share = measured.mean(dim=(1, 2), keepdim=True)
+    whole = (share == 1).float()  # a pasted cut-out spoils the fit
+    return total + .7 * ((aligned(prediction, d) - d).abs() * relative * whole).mean()
+
+
+@torch.no_grad()
+def evaluate(net, cache, device, h=192, w=256):
+    """Held-out rooms: fraction of pixels with depth ratio > 1.25, and AbsRel, after the best scale and shift in disparity."""
+    over, relative = [], []
+    for image, z in zip(np.load(cache + '/holdout_rgb.npy'), np.load(cache + '/holdout_depth.npy')):
+        x = torch.from_numpy(cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA if h < 238 else cv2.INTER_LINEAR).transpose(2, 0, 1)[None].astype(np.float32) / 127.5 - 1)
+        z = np.maximum(z.astype(np.float64) / 25.5, .3)
+        q = F.interpolate(net(x.to(device))[None].float(), size=z.shape, mode='bicubic', align_corners=False)[0, 0].cpu().double().numpy()
+        s, t = np.linalg.lstsq(np.stack([q.ravel(), np.ones(q.size)], 1), 1 / z.ravel(), rcond=None)[0]
+        depth = 1 / np.maximum(q * s + t, .1)
+        over.append((np.maximum(depth / z, z / depth) > 1.25).mean())
+        relative.append((np.abs(depth - z) / z).mean())
+    return f'ratio > 1.25 on {100 * np.mean(over):.2f}%, AbsRel {np.mean(relative):.4f}'
+
+
+def main():
+    p = argparse.ArgumentParser()
+    p.add_argument('--cache', required=True)
+    p.add_argument('--out', required=True)
+    p.add_argument('--minutes', type=float, required=True)
+    p.add_argument('--start', help='safetensors: an ImageNet encoder or a whole network')
+    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
+    p.add_argument('--threads', type=int, default=1)
+    p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
+    p.add_argument('--rate', type=float, default=4e-4)
+    a = p.parse_args()
+    torch.set_num_threads(a.threads)
+    cv2.setNumThreads(1)
+    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
+    seed = saved.get('step', 0)
+    torch.manual_seed(seed)
+    data = DepthData(a.cache, seed)
+    net = DepthNet()
+    if saved:
+        net.load_state_dict(saved['net'])
+    elif a.start:
+        assert not net.load_state_dict(load_safetensors(a.start), strict=False).unexpected_keys
+    net = net.to(a.device, memory_format=torch.channels_last)
+    decoder = [q for n, q in net.named_parameters() if not n.startswith('encoder')]
+    optimiser = torch.optim.AdamW([{'params': net.encoder.parameters(), 'lr': a.rate / 4}, {'params': decoder, 'lr': a.rate}], weight_decay=1e-2)
+    average = Average(net)
+    if saved:
+        average.values = saved['average']
+    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
+    if saved:
+        optimiser.load_state_dict(saved['optimiser'])
+    with average.inside(net):
+        print(len(data.subjects), 'photos with a subject;', evaluate(net, a.cache, a.device), flush=True)
+    running, mark, scored = None, schedule.elapsed, schedule.elapsed
+    while schedule.advance():
+        sizes = LATE if schedule.share > .6 else EARLY
+        _, h, w, batch = sizes[data.rng.choice(len(sizes), p=[s[0] for s in sizes])]
+        x, *maps = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample(h, w) for _ in range(batch * a.batch_factor)]))
+        with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
+            prediction = net(x.contiguous(memory_format=torch.channels_last))
+        loss = loss_of(prediction.float(), *maps)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
+        optimiser.step()
+        average.update(net, schedule.step)
+        running = loss.item() if running is None else .98 * running + .02 * loss.item()
+        if schedule.step % 50 == 0:
+            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
+        if schedule.elapsed - mark > 150:
+            mark = schedule.elapsed
+            save_checkpoint(a.out, net, average, optimiser, schedule)
+        if schedule.elapsed - scored > 480:
+            scored = schedule.elapsed
+            with average.inside(net):
+                print(evaluate(net, a.cache, a.device), flush=True)
+    save_checkpoint(a.out, net, average, optimiser, schedule)
+    with average.inside(net):
+        print('final', evaluate(net, a.cache, a.device), flush=True)
+
+
+if __name__ == '__main__':
+    main()

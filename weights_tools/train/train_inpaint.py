@@ -1,0 +1,111 @@
+#!/usr/bin/python3
+"""Trains slide_inpaint on composites whose hidden background is known.
+
+  train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--device cuda]
+
+Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1, multi-scale gradients, and the
+logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same).
+"""
+import argparse
+import os
+
+import cv2
+import numpy as np
+import torch
+
+from common import Average, Schedule, save_checkpoint
+from fill import background_weight, push_pull_fill
+from inpaint_data import InpaintData
+from inpaint_net import InpaintNet
+
+CHANNELS = torch.tensor([1., 1., 1., .5]).view(1, 4, 1, 1)  # disparity is smooth, half its error is enough
+
+
+def squared(y, truth, mask):
+    return ((y[:, :3] - truth[:, :3]) ** 2 * mask).sum(dim=(1, 2, 3)) / (3 * mask.sum(dim=(1, 2, 3))).clamp_min(1)
+
+
+def loss_of(y, filled, truth, mask):
+    area = mask.mean(dim=(1, 2, 3)).clamp_min(.005).view(-1, 1, 1, 1)
+    error = (y - truth) * CHANNELS.to(y.device) * mask
+    total = (error.abs() / area).mean()
+    for k in range(3):
+        g = error[..., ::2 ** k, ::2 ** k] / area
+        total = total + .25 * ((g[..., 1:] - g[..., :-1]).abs().mean() + (g[..., 1:, :] - g[..., :-1, :]).abs().mean())
+    return total + .1 * torch.log((squared(y, truth, mask) + 1e-3) / (squared(filled, truth, mask) + 1e-3)).mean()
+
+
+@torch.no_grad()
+def evaluate(net, tests, device):
+    ours, fill = [], []
+    for scene, truth, d, _, hole, mask, _ in tests:
+        scene, truth, d, hole, mask = (torch.from_numpy(v)[None].to(device) for v in (scene, truth, d, hole, mask))
+        filled = push_pull_fill(scene, background_weight(d, hole))
+        for y, out in ((net(scene, d, hole), ours), (filled, fill)):
+            out.append(-10 * np.log10(float(squared(y.clamp(-1, 1), truth, mask)) / 4 + 1e-9))
+    gain = np.array(ours) - np.array(fill)
+    return f'hidden background: {np.mean(ours):.2f} dB, the fill alone {np.mean(fill):.2f} dB, gain {gain.mean():.2f}, better in {100 * (gain > 0).mean():.0f}%'
+
+
+def main():
+    p = argparse.ArgumentParser()
+    p.add_argument('--cache', required=True)
+    p.add_argument('--out', required=True)
+    p.add_argument('--minutes', type=float, required=True)
+    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
+    p.add_argument('--threads', type=int, default=1)
+    p.add_argument('--size', type=int, default=128)
+    p.add_argument('--batch', type=int, default=8)
+    p.add_argument('--rate', type=float, default=1.5e-3)
+    a = p.parse_args()
+    torch.set_num_threads(a.threads)
+    cv2.setNumThreads(1)
+    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
+    seed = saved.get('step', 0)
+    torch.manual_seed(seed)
+    data, held = InpaintData(a.cache, seed + 2, a.size), InpaintData(a.cache, 99, 160, held=True)
+    tests = [held.sample() for _ in range(60)]
+    net = InpaintNet()
+    if saved:
+        net.load_state_dict(saved['net'])
+    net = net.to(a.device, memory_format=torch.channels_last)
+    optimiser = torch.optim.AdamW(net.parameters(), lr=a.rate, betas=(.9, .99), weight_decay=1e-3)
+    average = Average(net)
+    if saved:
+        average.values = saved['average']
+    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
+    if saved:
+        optimiser.load_state_dict(saved['optimiser'])
+    with average.inside(net):
+        print(evaluate(net, tests, a.device), flush=True)
+    running, mark, scored = None, schedule.elapsed, schedule.elapsed
+    while schedule.advance():
+        scene, truth, d, _, hole, mask, _ = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample() for _ in range(a.batch)]))
+        with torch.no_grad():
+            weight = background_weight(d, hole)
+            filled = push_pull_fill(scene, weight)
+        with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
+            correction = net.correction(filled.contiguous(memory_format=torch.channels_last), weight, hole)
+        loss = loss_of(filled + correction.float(), filled, truth, mask)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
+        optimiser.step()
+        average.update(net, schedule.step)
+        running = loss.item() if running is None else .98 * running + .02 * loss.item()
+        if schedule.step % 100 == 0:
+            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
+        if schedule.elapsed - mark > 150:
+            mark = schedule.elapsed
+            save_checkpoint(a.out, net, average, optimiser, schedule)
+        if schedule.elapsed - scored > 480:
+            scored = schedule.elapsed
+            with average.inside(net):
+                print(evaluate(net, tests, a.device), flush=True)
+    save_checkpoint(a.out, net, average, optimiser, schedule)
+    with average.inside(net):
+        print('final', evaluate(net, tests, a.device), flush=True)
+
+
+if __name__ == '__main__':
+    main()

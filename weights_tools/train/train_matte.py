@@ -1,0 +1,142 @@
+#!/usr/bin/python3
+"""Trains slide_matte: distils the mattes given, with exact composites among them.
+
+  train_matte.py --cache CACHE --out matte.pt --minutes 40 [--net mobile|u2netp] [--start depth.safetensors] [--device cuda]
+
+Goes on from matte.pt when it exists. Loss: cross entropy on every output, and on the first the absolute error of alpha and
+of its gradient, with more weight where alpha is neither 0 nor 1.
+"""
+import argparse
+import os
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+
+from common import Average, Ragged, Schedule, load_safetensors, save_checkpoint
+from matte_data import MatteData
+from matte_net import NETS
+
+EARLY = [(.6, 192, 256, 8), (.25, 256, 192, 8), (.15, 256, 352, 4)]
+LATE = [(.35, 192, 256, 8), (.15, 256, 192, 8), (.5, 288, 384, 4)]
+
+
+def loss_of(logits, alpha):
+    total = sum(F.binary_cross_entropy_with_logits(s, alpha[:, None]) for s in logits) / len(logits)
+    error = torch.sigmoid(logits[0][:, 0]) - alpha
+    rim = 1 + 2 * (F.max_pool2d(alpha[:, None], 5, 1, 2) + F.max_pool2d(-alpha[:, None], 5, 1, 2))[:, 0]
+    total = total + (error.abs() * rim).mean()
+    for k in range(3):
+        g, b = error[:, ::2 ** k, ::2 ** k], rim[:, ::2 ** k, ::2 ** k]
+        total = total + ((g[:, 1:] - g[:, :-1]).abs() * b[:, 1:]).mean() + ((g[:, :, 1:] - g[:, :, :-1]).abs() * b[:, :, 1:]).mean()
+    return total
+
+
+@torch.no_grad()
+def calm(net, data):
+    """A depth network's features have any scale: brings the last ones to deviation 1, and the logits to zero."""
+    seen = []
+    hook = net.out2.register_forward_hook(lambda module, inputs, output: seen.append(output.std()))
+    net(torch.from_numpy(np.stack([data.sample(192, 256)[0] for _ in range(4)])))
+    hook.remove()
+    for q in net.out2.parameters():
+        q /= seen[0]
+    for q in net.out3.parameters():
+        q.zero_()
+
+
+def input_size(h, w, side=384):
+    """As the runtime: the aspect ratio kept, the longer side `side`, both multiples of 32."""
+    s = side / max(h, w)
+    return max(32, round(h * s / 32) * 32), max(32, round(w * s / 32) * 32)
+
+
+@torch.no_grad()
+def predict(net, image, device, side=384):
+    h, w = input_size(*image.shape[:2], side)
+    x = torch.from_numpy(cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC).transpose(2, 0, 1)[None].astype(np.float32) / 255)
+    alpha = torch.sigmoid(net(x.to(device))[0].float())
+    return F.interpolate(alpha, size=image.shape[:2], mode='bilinear', align_corners=False)[0, 0].cpu().numpy()
+
+
+def evaluate(net, cache, device, side=384, limit=None):
+    """Held-out photos: mean absolute error, mean gradient error, intersection over union at one half."""
+    photos, mattes, held = Ragged(cache + '/photos'), Ragged(cache + '/mattes'), np.load(cache + '/held.npy')
+    error, gradient, iou = [], [], []
+    for i in held[:limit]:
+        a, m = predict(net, photos[i], device, side), mattes[i].astype(np.float32) / 255
+        error.append(np.abs(a - m).mean())
+        gradient.append(np.mean([np.abs(np.diff(a - m, axis=k)).mean() for k in (0, 1)]))
+        if (m > .5).mean() > .02:
+            iou.append(((a > .5) & (m > .5)).sum() / ((a > .5) | (m > .5)).sum())
+    return f'held-out mattes: error {np.mean(error):.4f}, gradient error {np.mean(gradient):.4f}, IoU {np.mean(iou):.3f}'
+
+
+def main():
+    p = argparse.ArgumentParser()
+    p.add_argument('--cache', required=True)
+    p.add_argument('--out', required=True)
+    p.add_argument('--minutes', type=float, required=True)
+    p.add_argument('--net', choices=NETS, default='mobile')
+    p.add_argument('--start', help='safetensors to start from; mobile only')
+    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
+    p.add_argument('--threads', type=int, default=1)
+    p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
+    p.add_argument('--rate', type=float, default=6e-4)
+    a = p.parse_args()
+    torch.set_num_threads(a.threads)
+    cv2.setNumThreads(1)
+    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
+    seed = saved.get('step', 0)
+    torch.manual_seed(seed)
+    data = MatteData(a.cache, seed + 1)
+    net = NETS[a.net]()
+    if saved:
+        net.load_state_dict(saved['net'])
+    elif a.start:
+        given = {k: v for k, v in load_safetensors(a.start).items() if not k.startswith('out3')}
+        assert not net.load_state_dict(given, strict=False).unexpected_keys
+        calm(net, data)
+    net = net.to(a.device, memory_format=torch.channels_last)
+    encoder = [q for n, q in net.named_parameters() if n.startswith('encoder')]
+    others = [q for n, q in net.named_parameters() if not n.startswith('encoder')]
+    groups = [{'params': others, 'lr': a.rate}] + ([{'params': encoder, 'lr': a.rate / 4}] if encoder else [])
+    optimiser = torch.optim.AdamW(groups, weight_decay=1e-2)
+    average = Average(net)
+    if saved:
+        average.values = saved['average']
+    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
+    if saved:
+        optimiser.load_state_dict(saved['optimiser'])
+    print(len(data.known), 'mattes,', len(data.empty), 'of them empty', flush=True)
+    running, mark, scored = None, schedule.elapsed, schedule.elapsed
+    while schedule.advance():
+        sizes = LATE if schedule.share > .65 else EARLY
+        _, h, w, batch = sizes[data.rng.choice(len(sizes), p=[s[0] for s in sizes])]
+        x, alpha = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample(h, w) for _ in range(batch * a.batch_factor)]))
+        with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
+            logits = net(x.contiguous(memory_format=torch.channels_last))
+        loss = loss_of([s.float() for s in logits], alpha)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
+        optimiser.step()
+        average.update(net, schedule.step)
+        running = loss.item() if running is None else .98 * running + .02 * loss.item()
+        if schedule.step % 50 == 0:
+            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
+        if schedule.elapsed - mark > 150:
+            mark = schedule.elapsed
+            save_checkpoint(a.out, net, average, optimiser, schedule)
+        if schedule.elapsed - scored > 480:
+            scored = schedule.elapsed
+            with average.inside(net):
+                print(evaluate(net, a.cache, a.device, limit=40), flush=True)
+    save_checkpoint(a.out, net, average, optimiser, schedule)
+    with average.inside(net):
+        print('final', evaluate(net, a.cache, a.device), flush=True)
+
+
+if __name__ == '__main__':
+    main()
