@@ -1,0 +1,54 @@
+#!/usr/bin/python3
+"""Golden results of the push-pull fill and the background weight, in float64, from the PyTorch code that trains with them.
+
+  make_fill.py OUT.safetensors      Debian: python3-torch, python3-numpy
+"""
+import json
+import os
+import struct
+import sys
+
+import numpy as np
+import torch
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../weights_tools/train'))
+from fill import background_weight, push_pull_fill  # noqa: E402
+
+
+def save(path, tensors):
+    header, blobs, at = {}, [], 0
+    for name, tensor in tensors.items():
+        data = np.ascontiguousarray(tensor.numpy(), np.float64).tobytes()
+        header[name] = {'dtype': 'F64', 'shape': list(tensor.shape), 'data_offsets': [at, at + len(data)]}
+        blobs.append(data)
+        at += len(data)
+    text = json.dumps(header, separators=(',', ':')).encode()
+    text += b' ' * (-(8 + len(text)) % 64)
+    with open(path, 'wb') as out:
+        out.write(struct.pack('<Q', len(text)) + text + b''.join(blobs))
+
+
+def case(rng, shape, known):
+    n, c, h, w = shape
+    x = torch.from_numpy(rng.normal(size=shape).astype(np.float32).astype(np.float64))
+    weight = (rng.random((n, 1, h, w)) < known) * rng.choice([.25, .75, 1.], (n, 1, h, w))
+    return x, torch.from_numpy(weight)
+
+
+def main():
+    rng = np.random.default_rng(11)
+    out = {}
+    for name, shape, known, sweeps in (('odd', (2, 3, 23, 31), .1, 4), ('row', (1, 2, 1, 9), .4, 2), ('column', (1, 1, 12, 1), .4, 3),
+                                       ('even', (1, 1, 16, 32), .05, 0), ('empty', (1, 1, 5, 6), 0, 1), ('pixel', (1, 2, 1, 1), 1, 4)):
+        x, weight = case(rng, shape, known)
+        out[name + '.x'], out[name + '.weight'], out[name + '.y'] = x, weight, push_pull_fill(x, weight, sweeps)
+    y, x = np.mgrid[:20, :28] / 20
+    d = .2 + .1 * y + .5 * ((x - .7) ** 2 + (y - .5) ** 2 < .09)
+    hole = (np.abs((x - .7) ** 2 + (y - .5) ** 2 - .075) < .02).astype(np.float64)
+    d, hole = (torch.from_numpy(v.astype(np.float32).astype(np.float64))[None, None] for v in (d, hole))
+    out['scene.d'], out['scene.hole'], out['scene.weight'] = d, hole, background_weight(d, hole)
+    save(sys.argv[1], out)
+
+
+if __name__ == '__main__':
+    main()
