@@ -6,6 +6,7 @@
 #include "ops/attention/contextual_attention.h"
 #include "ops/case_attributes.h"
 #include "ops/conv2d/conv2d.h"
+#include "ops/fill/fill.h"
 #include "ops/gated_conv/gated_conv2d.h"
 #include "ops/layering/layering.h"
 #include "ops/normalise/normalise.h"
@@ -177,6 +178,11 @@ constexpr Entry kEntries[] = {
      [](CaseArguments& c) { return weight_standardise(c.input("weight"), c.number("eps", 1e-5)); }},
     {"min_max_normalise", [](CaseArguments& c) { return min_max_normalise(c.input("x")); }},
     {"gaussian_blur", [](CaseArguments& c) { return gaussian_blur(c.input("x"), c.number("sigma")); }},
+    {"push_pull_fill",
+     [](CaseArguments& c) {
+       const auto sweeps = static_cast<int>(c.integer("sweeps", 0, 1 << 12));
+       return push_pull_fill(c.input("x"), c.input("weight"), sweeps);
+     }},
     {"sobel", [](CaseArguments& c) { return sobel(c.input("x")); }},
     {"cone_dilation",
      [](CaseArguments& c) {

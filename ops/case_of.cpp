@@ -6,6 +6,7 @@
 
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/fill/fill_op.h"
 #include "ops/gated_conv/gated_conv2d_op.h"
 #include "ops/layering/layering_ops.h"
 #include "ops/normalise/normalise_ops.h"
@@ -115,6 +116,7 @@ Json attributes_of(const Op& op, std::span<const Tensor> inputs, const Shape& ou
   if (const auto* o = as<WeightStandardiseOp>(op)) return {{"eps", o->eps()}};
   if (const auto* o = as<GaussianBlurOp>(op)) return {{"sigma", o->sigma()}};
   if (const auto* o = as<ConeDilationOp>(op)) return {{"rho", o->rho()}, {"radius", o->radius()}};
+  if (const auto* o = as<PushPullFillOp>(op)) return {{"sweeps", o->sweeps()}};
   if (as<ReshapeOp>(op) != nullptr) {
     const auto extents = output.extents();
     return {{"shape", std::vector<std::int64_t>(extents.begin(), extents.end())}};
@@ -133,6 +135,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
   if (as<Conv2dOp>(op) != nullptr || as<GatedConv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr)
     return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
+  if (as<PushPullFillOp>(op) != nullptr) return {"x", "weight"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};
   if (as<ContextualAttentionOp>(op) != nullptr) return {"foreground", "background", "mask", "fuse_weight"};
   return {"x", "other"};

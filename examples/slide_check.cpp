@@ -1,0 +1,156 @@
+// slide_check: the definitions and kernels of this build against expected numbers. See docs/slide_check.md.
+
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <iostream>
+#include <memory>
+#include <new>
+#include <string>
+#include <vector>
+
+#include "graphs/catalogue.h"
+#include "graphs/compare_report.h"
+#include "graphs/formula_weights.h"
+#include "graphs/golden_check.h"
+#include "graphs/photo_inputs.h"
+#include "ops/check_report.h"
+#include "render/image_file.h"
+#include "render/photo_layers.h"
+#include "runtime/cpu.h"
+#include "runtime/error.h"
+#include "runtime/safetensors.h"
+#include "runtime/threads.h"
+
+namespace {
+
+using namespace slide;
+
+struct Arguments {
+  std::string isa;
+  int threads = 0;
+  bool json = false;
+  std::vector<std::string> cases;
+  std::string model, weights, golden, image, dump;
+  bool formula_weights = false;
+  std::int64_t size = 0;
+  int rows = 0;
+};
+
+graphs::Golden open_golden(const std::string& path) {
+  try {
+    return graphs::Golden::open(path);
+  } catch (const Error& e) {
+    if (e.kind() != ErrorKind::kBadWeights) throw;
+    throw Error(ErrorKind::kBadInput, e.what());  // the weights of this run are not at fault
+  }
+}
+
+int check_operators(const Arguments& a) {
+  const std::vector<ops::CheckedFile> files = ops::check_files(a.cases, active_isa());
+  std::cout << (a.json ? ops::json_of(files) : ops::table_of(files));
+  return ops::exit_code(files);
+}
+
+int check_network(const Arguments& a) {
+  (void)graphs::find_model(a.model);
+  const graphs::Golden golden = open_golden(a.golden);
+  if (golden.network() != a.model)
+    throw Error(ErrorKind::kUsage,
+                a.golden + " is a golden run of " + golden.network() + ", not of " + a.model);
+  std::unique_ptr<WeightSource> weights;
+  if (a.formula_weights)
+    weights = std::make_unique<graphs::FormulaWeights>(golden.weights());
+  else
+    weights = std::make_unique<SafetensorsWeights>(a.weights);
+  const graphs::GoldenCheck check =
+      graphs::check_golden(golden, *weights, {.dump_folder = a.dump, .source = a.model});
+  std::cout << (a.json ? graphs::json_of(check) : graphs::table_of(check));
+  return check.passed() ? 0 : 1;
+}
+
+int compare_network(const Arguments& a) {
+  (void)graphs::find_model(a.model);
+  std::unique_ptr<WeightSource> weights;
+  if (a.formula_weights)
+    weights = std::make_unique<graphs::FormulaWeights>(graphs::FormulaWeights::made_up());
+  else
+    weights = std::make_unique<SafetensorsWeights>(a.weights);
+  const graphs::PhotoRun run =
+      graphs::photo_run(a.model, tensor_from_image(read_photo(a.image).colour), *weights, a.size);
+  const graphs::Comparison comparison =
+      graphs::compare(*run.graph, *weights, run.inputs, {.dump_folder = a.dump, .source = a.model});
+  std::cout << (a.json ? graphs::json_of(a.model, comparison) : graphs::table_of(comparison, a.rows));
+  return comparison.passed() ? 0 : 1;
+}
+
+void add_common(CLI::App& command, Arguments& a) {
+  command.add_flag("--json", a.json, "print a JSON object instead of a table");
+  command.add_option("--isa", a.isa, "kernels up to this level: baseline, avx2, avx512, avx512bf16, neon");
+  command.add_option("--threads", a.threads, "number of threads; 0: one a core")->check(CLI::Range(0, 1024));
+}
+
+void add_model(CLI::App& command, Arguments& a) {
+  std::string names;
+  for (const graphs::Model& m : graphs::catalogue())
+    names += (names.empty() ? "" : ", ") + std::string(m.name);
+  command.add_option("MODEL", a.model, "one of " + names)->required();
+  CLI::Option_group* weights = command.add_option_group("weights");
+  weights->add_option("--weights", a.weights, "weight file (safetensors)");
+  weights->add_flag("--formula-weights", a.formula_weights,
+                    "weights that are a formula: the golden file's own, or made-up ones");
+  weights->require_option(1);
+  command.add_option("--dump", a.dump,
+                     "write every node's inputs and expected output as operator cases here");
+}
+
+int run(CLI::App& app, int argc, char** argv) {
+  Arguments a;
+  CLI::App* op = app.add_subcommand("op", "check operators and their kernels on case files");
+  op->add_option("CASE", a.cases, "case files (.safetensors), or folders of them")->required();
+  CLI::App* net = app.add_subcommand("net", "check a network on a golden run");
+  add_model(*net, a);
+  net->add_option("--golden", a.golden, "golden file (safetensors)")->required();
+  CLI::App* compare = app.add_subcommand("compare", "fast against float64 on a photo, node by node");
+  add_model(*compare, a);
+  compare->add_option("--image", a.image, "the photo")->required();
+  compare->add_option("--size", a.size, "longer side to work at; the model's own by default");
+  compare->add_option("--rows", a.rows, "lines to print; all by default, what failed always");
+  for (CLI::App* command : {op, net, compare}) add_common(*command, a);
+  app.require_subcommand(1);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : exit_code(ErrorKind::kUsage);
+  }
+  if (!a.isa.empty()) {
+    const std::optional<Isa> isa = isa_from_name(a.isa);
+    if (!isa) throw Error(ErrorKind::kUsage, "there is no level named " + a.isa);
+    set_isa(*isa);
+  }
+  set_thread_count(a.threads);
+  if (op->parsed()) return check_operators(a);
+  return net->parsed() ? check_network(a) : compare_network(a);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    CLI::App app(
+        "Checks operators and networks of this build: float64 definitions against expected numbers, kernels "
+        "against the definitions, in units of their stated bounds.\n"
+        "Exit codes: 0 all within bounds, 1 something is not, 2 usage, 3 bad input file, 4 bad weights, 5 "
+        "out "
+        "of memory, 6 internal.");
+    return run(app, argc, argv);
+  } catch (const Error& e) {
+    std::cerr << "slide_check: " << e.what() << "\n";
+    return exit_code(e.kind());
+  } catch (const std::bad_alloc&) {
+    std::cerr << "slide_check: memory ran out\n";
+    return exit_code(ErrorKind::kOutOfMemory);
+  } catch (const std::exception& e) {
+    std::cerr << "slide_check: internal error: " << e.what() << "\n";
+    return exit_code(ErrorKind::kInternal);
+  }
+}
