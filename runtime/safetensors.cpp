@@ -91,7 +91,7 @@ std::size_t alignment_of(DType type) noexcept { return size_of(type); }
 
 /// The index of the first NaN or infinity, or `count`.
 template <typename Bits>
-std::size_t first_not_finite(std::span<const std::byte> bytes, Bits exponent_mask) {
+std::size_t first_with_full_exponent(std::span<const std::byte> bytes, Bits exponent_mask) {
   const std::size_t count = bytes.size() / sizeof(Bits);
   for (std::size_t i = 0; i < count; ++i) {
     Bits value;
@@ -101,30 +101,29 @@ std::size_t first_not_finite(std::span<const std::byte> bytes, Bits exponent_mas
   return count;
 }
 
-/// The same for a tensor's bytes; integers are all finite.
-std::optional<std::size_t> first_not_finite(DType type, std::span<const std::byte> bytes) {
+}  // namespace
+
+std::optional<std::size_t> first_not_finite(DType type, std::span<const std::byte> elements) {
   std::size_t i = 0;
   switch (type) {
     case DType::kF64:
-      i = first_not_finite<std::uint64_t>(bytes, 0x7FF0'0000'0000'0000u);
+      i = first_with_full_exponent<std::uint64_t>(elements, 0x7FF0'0000'0000'0000u);
       break;
     case DType::kF32:
-      i = first_not_finite<std::uint32_t>(bytes, 0x7F80'0000u);
+      i = first_with_full_exponent<std::uint32_t>(elements, 0x7F80'0000u);
       break;
     case DType::kF16:
-      i = first_not_finite<std::uint16_t>(bytes, 0x7C00u);
+      i = first_with_full_exponent<std::uint16_t>(elements, 0x7C00u);
       break;
     case DType::kBF16:
-      i = first_not_finite<std::uint16_t>(bytes, 0x7F80u);
+      i = first_with_full_exponent<std::uint16_t>(elements, 0x7F80u);
       break;
     default:
       return std::nullopt;
   }
-  if (i * size_of(type) == bytes.size()) return std::nullopt;
+  if (i * size_of(type) == elements.size()) return std::nullopt;
   return i;
 }
-
-}  // namespace
 
 SafetensorsFile SafetensorsFile::open(const std::string& path) {
   const auto mapping = std::make_shared<const Mapping>(path);

@@ -32,6 +32,10 @@ struct TensorInfo {
 /// joined by "x", a line feed. All are eight lower-case hexadecimal digits.
 using Metadata = std::map<std::string, std::string, std::less<>>;
 
+/// The index of the first NaN or infinity among elements of a type, which may lie misaligned; nothing if all
+/// are finite, as integers always are.
+[[nodiscard]] std::optional<std::size_t> first_not_finite(DType type, std::span<const std::byte> elements);
+
 /// A safetensors file (https://github.com/huggingface/safetensors: eight bytes little-endian header length,
 /// JSON header, data), memory-mapped: tensors are views of the file, read from the disk when they are
 /// touched.

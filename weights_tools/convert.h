@@ -1,0 +1,54 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "runtime/dtype.h"
+#include "weights_tools/weight_reader.h"
+
+namespace slide {
+
+struct ConvertOptions {
+  /// A model of graphs::catalogue(), which the tensors must fit; empty: whichever they fit; "any": none need
+  /// fit.
+  std::string model;
+  DType dtype =
+      DType::kF32;  ///< of floating-point tensors in the result: kF32, kF16 or kBF16; others stay as they are
+};
+
+struct ConvertReport {
+  std::string model;  ///< "any" if none was asked for
+  std::size_t tensors = 0;
+  std::uint64_t bytes = 0;            ///< of their data
+  std::string sha256;                 ///< of the source file
+  std::vector<std::string> warnings;  ///< one sentence each
+};
+
+/// Writes the tensors of `reader` to a safetensors file, with the metadata `model`, `source_file` (the name
+/// without folders) and `source_sha256`; a safetensors source's own metadata is kept. In memory there is one
+/// storage of the source at a time, and a block of the result. Throws Error(kBadWeights) if the tensors fit
+/// no model, listing what is missing or unexpected, or hold a value that the dtype cannot; Error(kUsage) for
+/// an unknown model and if the file cannot be written.
+ConvertReport convert(const WeightReader& reader, const std::string& output, const ConvertOptions& options);
+
+/// How the tensors fit the models of the catalogue.
+struct Detection {
+  std::string model;   ///< empty if they fit none
+  std::string detail;  ///< what is missing or unexpected, for that model or the closest; empty if nothing
+};
+[[nodiscard]] Detection detect_model(const WeightReader& reader);
+
+/// The digits of the SHA-256 that PyTorch's convention puts at the end of a file's name
+/// ("midas_v21-f6b98070.pt"): at least eight after a hyphen.
+[[nodiscard]] std::optional<std::string> hash_in_name(const std::string& path);
+
+/// A table of all tensors: name, dtype, shape, bytes; then the total, the model and the metadata.
+[[nodiscard]] std::string listing(const WeightReader& reader);
+
+/// Reads everything, compares the checksums that the file has, and looks for values that are not finite;
+/// throws Error(kBadWeights) for the first defect, else returns one sentence on what was found good.
+[[nodiscard]] std::string verify(const WeightReader& reader);
+
+}  // namespace slide

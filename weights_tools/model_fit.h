@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+#include <string>
+
+#include "runtime/weights.h"
+#include "weights_tools/weight_reader.h"
+
+namespace slide {
+
+/// How a file's tensors fit one model of the catalogue.
+struct ModelFit {
+  std::string model;
+  WeightFit fit;
+  std::size_t matching = 0;  ///< parameters of the model that are there with the right shape
+};
+
+/// Throws Error(kUsage) if there is no such model.
+[[nodiscard]] ModelFit fit_model(const WeightReader& reader, const std::string& name);
+
+/// The model that fits with the least left over; if none fits, the one with the most parameters matching.
+[[nodiscard]] ModelFit closest_model(const WeightReader& reader);
+
+}  // namespace slide

@@ -1,0 +1,92 @@
+// slide_convert: PyTorch checkpoints and safetensors files to safetensors files, and a look into both.
+#include <CLI/CLI.hpp>
+#include <cstdio>
+#include <exception>
+#include <map>
+#include <new>
+#include <string>
+
+#include "graphs/catalogue.h"
+#include "runtime/atomic_file.h"
+#include "runtime/error.h"
+#include "weights_tools/convert.h"
+
+namespace {
+
+struct Arguments {
+  std::string file;
+  std::string output;
+  std::string key;
+  std::string dtype = "f32";
+  bool list = false;
+  bool verify = false;
+  std::string model;
+};
+
+void run(const Arguments& arguments) {
+  using namespace slide;
+  const std::unique_ptr<WeightReader> reader = open_weights(arguments.file, arguments.key);
+  if (arguments.list) std::fputs(listing(*reader).c_str(), stdout);
+  if (arguments.verify) std::puts(verify(*reader).c_str());
+  if (arguments.output.empty()) return;
+  const std::map<std::string, DType> types = {
+      {"f32", DType::kF32}, {"f16", DType::kF16}, {"bf16", DType::kBF16}};
+  const ConvertReport report =
+      convert(*reader, arguments.output, {.model = arguments.model, .dtype = types.at(arguments.dtype)});
+  for (const std::string& warning : report.warnings)
+    std::fprintf(stderr, "slide_convert: warning: %s\n", warning.c_str());
+  std::printf("%s: %s, %zu tensors, %llu bytes of data\n", arguments.output.c_str(),
+              report.model == "any" ? "any model" : report.model.c_str(), report.tensors,
+              static_cast<unsigned long long>(report.bytes));
+}
+
+std::string model_names() {
+  std::string names;
+  for (const slide::graphs::Model& model : slide::graphs::catalogue()) names.append(model.name).append(", ");
+  return names + "or any";
+}
+
+int guarded(const Arguments& arguments) {
+  try {
+    run(arguments);
+    return 0;
+  } catch (const slide::Error& e) {
+    std::fprintf(stderr, "slide_convert: %s\n", e.what());
+    return slide::exit_code(e.kind());
+  } catch (const std::bad_alloc&) {
+    std::fputs("slide_convert: out of memory\n", stderr);
+    return slide::exit_code(slide::ErrorKind::kOutOfMemory);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "slide_convert: %s\n", e.what());
+    return slide::exit_code(slide::ErrorKind::kInternal);
+  }
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  CLI::App app(
+      "Converts PyTorch checkpoints (.pt, .pth) and safetensors files to safetensors, and shows what they "
+      "hold.");
+  Arguments arguments;
+  app.add_option("FILE", arguments.file, "checkpoint or safetensors file")->required();
+  app.add_option("-o,--output", arguments.output, "safetensors file to write");
+  app.add_option("--model", arguments.model,
+                 "what the tensors must fit: " + model_names() + "; default: whichever fits");
+  app.add_option("--dtype", arguments.dtype, "of the result's floating-point tensors")
+      ->check(CLI::IsMember({"f32", "f16", "bf16"}))
+      ->capture_default_str();
+  app.add_option("--key", arguments.key,
+                 "which set of tensors of a checkpoint that holds several, such as state_dict");
+  app.add_flag("--list", arguments.list, "print a table of names, dtypes, shapes and bytes");
+  app.add_flag("--verify", arguments.verify, "read everything: checksums must match, values be finite");
+  try {
+    app.parse(argc, argv);
+    if (!arguments.list && !arguments.verify && arguments.output.empty())
+      throw CLI::RequiredError("one of --output, --list and --verify");
+  } catch (const CLI::ParseError& e) {
+    return app.exit(e) == 0 ? 0 : slide::exit_code(slide::ErrorKind::kUsage);
+  }
+  slide::remove_unfinished_files_on_signals();
+  return guarded(arguments);
+}
