@@ -8,6 +8,9 @@
 #include "graphs/midas_io.h"
 #include "graphs/midas_v21.h"
 #include "graphs/midas_v21_small.h"
+#include "graphs/slide_depth.h"
+#include "graphs/slide_inpaint.h"
+#include "graphs/slide_matte.h"
 #include "graphs/u2net.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
@@ -50,8 +53,13 @@ Value select(Value hole, Value inside, Value outside) {
 /// Completed RGBD in [0, 1] from RGBD in [0, 1].
 Value complete(Value rgbd, Value hole, const NetworkChoice& network) {
   const Value signed_rgbd = ops::affine(rgbd, 2, -1);
+  const Value disparity = ops::slice(rgbd, 1, 3, 4);
   Value completed = signed_rgbd;
-  if (network.model == "inpaint_coarse")
+  if (!network.chosen())
+    completed = background_fill(signed_rgbd, disparity, hole);
+  else if (network.model == "slide_inpaint")
+    completed = slide_inpaint(signed_rgbd, disparity, hole);
+  else if (network.model == "inpaint_coarse")
     completed = inpaint_coarse(signed_rgbd, hole, InpaintCoarseConfig::from_weights(*network.weights));
   else if (network.model == "inpaint_deepfill")
     completed =
@@ -59,6 +67,12 @@ Value complete(Value rgbd, Value hole, const NetworkChoice& network) {
   else
     throw wrong_model(network, "inpainting", "slide_inpaint, inpaint_coarse, inpaint_deepfill");
   return ops::clip(ops::affine(completed, 0.5, 0.5), 0, 1);
+}
+
+/// The photo as slide_depth and slide_matte take it: 384 pixels on its longer side, in [-1, 1].
+Value slide_preprocess(Value image) {
+  const ImageSize size = midas_working_size(size_of_image(image), kSlideSide);
+  return ops::affine(ops::resize_bicubic(image, size.height, size.width), 2, -1);
 }
 
 }  // namespace
@@ -70,6 +84,8 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
     inverse_depth = midas_v21(midas_preprocess(image, midas_working_size(size, 384)));
   else if (network.model == "midas_v21_small")
     inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
+  else if (network.model == "slide_depth")
+    inverse_depth = slide_depth(slide_preprocess(image));
   else
     throw wrong_model(network, "depth", "slide_depth, midas_v21, midas_v21_small");
   return ops::min_max_normalise(midas_postprocess(inverse_depth, size));
@@ -77,13 +93,15 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
 
 Value estimate_matte(Value image, const NetworkChoice& network) {
   const ImageSize size = size_of_image(image);
+  if (network.model == "slide_matte")
+    return ops::resize_bilinear(slide_matte(slide_preprocess(image)), size.height, size.width, false);
   const Value brightest = ops::maximum(ops::reduce_max(image, {1, 2, 3}),
                                        ops::affine(ops::reduce_max(image, {1, 2, 3}), 0, 1e-6));
   const Value input = midas_preprocess(ops::div(image, brightest), {kSaliencySide, kSaliencySide});
   Value map = input;
   if (network.model == "u2net")
     map = u2net(input)[0];
-  else if (network.model == "u2netp" || network.model == "slide_matte")
+  else if (network.model == "u2netp")
     map = u2netp(input)[0];
   else
     throw wrong_model(network, "saliency", "slide_matte, u2netp, u2net");

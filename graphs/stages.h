@@ -6,15 +6,16 @@
 
 namespace slide::graphs {
 
-/// The stages of a 3D photo between images: each takes and gives tensors at the photo's size and hides what its networks
-/// want (their sizes, ranges and layouts).
+/// The stages of a 3D photo between images: each takes and gives tensors at the photo's size and hides what
+/// its networks want (their sizes, ranges and layouts).
 
 /// D: the depth network's disparity, min-max normalised; 0 everywhere if there is no relief.
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 /// Throws Error(kUsage) if the model is no depth network.
 Value estimate_disparity(Value image, const NetworkChoice& network);
 
-/// M: the saliency network's map, computed at 320×320, min-max normalised as the authors do, bilinear back.
+/// M: the saliency network's map, bilinear at the photo's size. U²-Net's is computed at 320×320 and min-max
+/// normalised as the authors do, slide_matte's at 384 pixels on the longer side.
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value estimate_matte(Value image, const NetworkChoice& network);
 

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstdint>
+
+#include "runtime/graph.h"
+
+namespace slide::graphs {
+
+/// Which pixels show what lies behind the hole: 1 for background, 0 for the hole and for what covers it. The
+/// disparity of the hole's pixels (the front) is spread over the picture by a push-pull fill; a pixel belongs
+/// to the background as far as it is behind the front: (1 - hole)·clip(16·(front - disparity), 0, 1), and at
+/// least 1e-6, so that there is a fill also where nothing lies behind.
+/// @param disparity  D1, 1×1×H×W in [0,1]
+/// @param hole       1×1×H×W, 1 inside the hole
+Value background_weight(Value disparity, Value hole);
+
+/// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
+/// smoothly. What inpainting without a network is, and what slide_inpaint corrects.
+/// @param image      1×C×H×W
+/// @param disparity  D1, 1×1×H×W in [0,1]
+/// @param hole       1×1×H×W, 1 inside the hole
+Value background_fill(Value image, Value disparity, Value hole);
+
+/// Channels after the first gate of slide_inpaint.
+inline constexpr std::int64_t kSlideInpaintWidth = 12;
+
+/// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill,
+/// corrected by the paper's coarse network (Jampani et al., ICCV 2021, supplement, table T1) at half its
+/// width, which sees the fill, the background weight and the hole.
+/// @param rgbd       1×4×H×W in [-1,1]; H and W multiples of 4
+/// @param disparity  D1, 1×1×H×W in [0,1]
+/// @param hole       1×1×H×W, 1 inside the hole
+/// @return 1×4×H×W, about [-1,1], not clipped
+/// Throws Error(kUsage) for other shapes.
+Value slide_inpaint(Value rgbd, Value disparity, Value hole);
+
+}  // namespace slide::graphs
