@@ -14,11 +14,11 @@ namespace {
 std::int64_t pooled_extent(const PoolParams& p, std::size_t axis, std::int64_t extent) {
   const std::int64_t before = p.padding[axis];
   const std::int64_t after = p.padding[axis + 2];
-  const std::int64_t room = extent + before + after - p.kernel[axis];
+  const std::int64_t stride = p.stride[axis];
+  const std::int64_t room = extent + before + after - p.kernel[axis] + (p.ceil_mode ? stride - 1 : 0);
   if (room < 0) return 0;
-  std::int64_t count = room / p.stride[axis] + 1;
-  if (p.ceil_mode && room % p.stride[axis] != 0 && count * p.stride[axis] < extent + before) ++count;
-  return count;
+  const std::int64_t count = room / stride + 1;
+  return p.ceil_mode && (count - 1) * stride >= extent + before ? count - 1 : count;
 }
 
 /// Calls body(plane, i, j, output index) for every output position, planes in parallel.
