@@ -37,6 +37,9 @@ struct Model {
   std::vector<std::string_view> inputs;   ///< names of the graph's inputs
   std::vector<std::string_view> outputs;  ///< what the graph's outputs "0", "1", ... are
   SizeRule size;                          ///< what is usual; any size that fits `multiple` can be built
+  /// Beginnings of names of tensors that the authors' files hold though their forward pass does not read
+  /// them.
+  std::vector<std::string_view> unread;
   std::unique_ptr<Graph> (*build)(const BuildOptions& options);
 };
 
