@@ -51,27 +51,21 @@ class ScopedWeights : public WeightSource {
 class Stage {
  public:
   Stage(std::string name, const SlideOptions& options) : options_(options) { report_.name = std::move(name); }
-  [[nodiscard]] Graph& graph() noexcept { return graph_; }
+  [[nodiscard]] Graph& graph() noexcept { return *graph_; }
 
-  /// Memory and arithmetic, without running.
-  [[nodiscard]] StageReport plan() {
-    const Plan plan = make_plan(graph_, options_.isa);
-    report_.memory = std::max(report_.memory, plan.memory_bytes());
-    for (const PlanStep& step : plan.steps) {
-      const Node& node = graph_.node(step.node);
-      std::vector<Shape> shapes;
-      for (const int j : node.inputs) shapes.push_back(graph_.node(j).shape);
-      report_.gflop += 2e-9 * node.op->macs(shapes, node.shape);
-    }
-    return report_;
+  /// Memory and arithmetic, without running. The stage is used up.
+  [[nodiscard]] PlannedStage plan() && {
+    Plan plan = make_plan(*graph_, options_.isa);
+    count(plan);
+    return {report_, std::move(graph_), std::move(plan)};
   }
 
   /// Runs the graph; `first` and `part` say which part of the stage's way this run is.
   void run(const WeightSource& weights, const NamedTensors& inputs, double first = 0, double part = 1) {
     const auto start = std::chrono::steady_clock::now();
-    (void)plan();
-    executor_.emplace(graph_, weights,
+    executor_.emplace(*graph_, weights,
                       FastOptions{.isa = options_.isa, .memory_limit = options_.memory_limit});
+    count(executor_->plan());
     RunOptions run_options;
     if (options_.progress)
       run_options.progress = [&](const Progress& p) {
@@ -86,9 +80,19 @@ class Stage {
   [[nodiscard]] const StageReport& report() const noexcept { return report_; }
 
  private:
+  void count(const Plan& plan) {
+    report_.memory = plan.memory_bytes();
+    for (const PlanStep& step : plan.steps) {
+      const Node& node = graph_->node(step.node);
+      std::vector<Shape> shapes;
+      for (const int j : node.inputs) shapes.push_back(graph_->node(j).shape);
+      report_.gflop += 2e-9 * node.op->macs(shapes, node.shape);
+    }
+  }
+
   const SlideOptions& options_;
   StageReport report_;
-  Graph graph_;
+  std::unique_ptr<Graph> graph_ = std::make_unique<Graph>();
   std::optional<FastExecutor> executor_;
 };
 
@@ -273,27 +277,27 @@ SlideLayers make_layers(const SlideInput& input, const SlideModels& models, cons
   return out;
 }
 
-std::vector<StageReport> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
+std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
                                      const SlideInput& known, const SlideOptions& options) {
   const Shape map{1, 1, height, width};
-  std::vector<StageReport> stages;
+  std::vector<PlannedStage> stages;
   if (known.disparity.empty() && models.depth.chosen()) {
     Stage depth("depth", options);
     depth.graph().output("D", estimate_disparity(depth.graph().input("image", map.with(1, 3)), models.depth));
-    stages.push_back(depth.plan());
+    stages.push_back(std::move(depth).plan());
   }
   if (known.matte.empty() && options.matte != MatteUse::kNever && models.saliency.chosen()) {
     Stage saliency("saliency", options);
     saliency.graph().output("M",
                             estimate_matte(saliency.graph().input("image", map.with(1, 3)), models.saliency));
-    stages.push_back(saliency.plan());
+    stages.push_back(std::move(saliency).plan());
   }
   Stage layering("layering", options);
   output_maps(layering.graph(), soft_layering(layering.graph().input("D", map), resolve(options.layering)));
-  stages.push_back(layering.plan());
+  stages.push_back(std::move(layering).plan());
   Stage inpainting("inpainting", options);
   background_graph(inpainting.graph(), height, width, models.inpaint);
-  stages.push_back(inpainting.plan());
+  stages.push_back(std::move(inpainting).plan());
   return stages;
 }
 

@@ -11,6 +11,7 @@
 #include "graphs/windows.h"
 #include "runtime/cpu.h"
 #include "runtime/graph.h"
+#include "runtime/plan.h"
 #include "runtime/run.h"
 #include "runtime/weights.h"
 
@@ -104,11 +105,17 @@ struct SlideLayers {
 [[nodiscard]] SlideLayers make_layers(const SlideInput& input, const SlideModels& models,
                                       const SlideOptions& options);
 
-/// What plans without running: the memory and arithmetic of every stage for an image of that size, inpainting
-/// the whole of it (the windows, which depend on the photo, need no more).
-[[nodiscard]] std::vector<StageReport> plan_layers(std::int64_t height, std::int64_t width,
-                                                   const SlideModels& models, const SlideInput& known,
-                                                   const SlideOptions& options);
+/// A stage that is planned and not run.
+struct PlannedStage {
+  StageReport report;  ///< no seconds
+  std::unique_ptr<Graph> graph;
+  Plan plan;
+};
+
+/// Plans without running: every stage for an image of that size, inpainting the whole of it (the windows, which depend
+/// on the photo, need no more). What is known of the input decides which stages there are.
+[[nodiscard]] std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
+                                                    const SlideInput& known, const SlideOptions& options);
 
 /// The whole as one graph, as the paper has it: from a photo 1×3×H×W to both layers in one pass over each
 /// network. make_layers() gives the same, stage by stage, with what the scene does not need left out.

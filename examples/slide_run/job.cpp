@@ -1,0 +1,287 @@
+#include "examples/slide_run/job.h"
+
+#include <algorithm>
+#include <chrono>
+#include <filesystem>
+#include <numbers>
+
+#include "examples/slide_run/show_plan.h"
+#include "render/camera_path.h"
+#include "render/edge_zoom.h"
+#include "render/frame_sink.h"
+#include "render/gltf.h"
+#include "render/html.h"
+#include "render/photo_layers.h"
+#include "render/stereo.h"
+#include "render/training_masks.h"
+#include "render/view.h"
+#include "render/write_image.h"
+#include "runtime/error.h"
+
+namespace slide::run {
+namespace {
+
+namespace fs = std::filesystem;
+
+/// One photo's way, its parts in the order in which they run.
+class Job {
+ public:
+  Job(const std::string& input, const Options& options, const Models& models, const Meter& meter,
+      JobReport& report)
+      : input_(input), options_(options), models_(models), meter_(meter), report_(report) {}
+
+  void read() {
+    const Timer timer(*this, "reading");
+    const Photo photo = read_photo(input_);
+    report_.photo_width = photo.colour.width;
+    report_.photo_height = photo.colour.height;
+    colour_ = shrink_to(photo.colour, options_.max_side);
+    report_.width = colour_.width;
+    report_.height = colour_.height;
+    choose_camera(photo);
+    tensors_.image = tensor_from_image(colour_);
+    if (!options_.depth.empty())
+      tensors_.disparity = disparity_from_map(read_map(options_.depth), depth_kind(options_.depth_kind),
+                                              colour_.width, colour_.height, options_.depth);
+    if (options_.matte != "none" && options_.matte != "auto")
+      tensors_.matte =
+          matte_from_map(read_map(options_.matte), colour_.width, colour_.height, options_.matte);
+    report_.depth_origin =
+        options_.depth.empty() ? models_.describe(models_.choices().depth) : options_.depth;
+    report_.inpaint_origin = models_.describe(models_.choices().inpaint);
+  }
+
+  /// Refuses what needs more memory than allowed, before any work.
+  void check_memory() {
+    const std::size_t limit = options_.max_memory.empty() ? 0 : parse_bytes(options_.max_memory);
+    report_.planned_memory =
+        planned_memory(report_.height, report_.width, models_.choices(), tensors_, slide_options());
+    if (limit != 0 && report_.planned_memory > limit)
+      throw Error(ErrorKind::kOutOfMemory,
+                  input_ + ": " + std::to_string(report_.width) + "x" + std::to_string(report_.height) +
+                      " pixels need " + std::to_string(report_.planned_memory >> 20) +
+                      " MiB, more than --max-memory " + options_.max_memory,
+                  "a smaller --max-side needs less");
+  }
+
+  void show_plan() const {
+    print_plan(report_.height, report_.width, models_.choices(), tensors_, slide_options());
+  }
+
+  void make_layers() {
+    made_ = graphs::make_layers(tensors_, models_.choices(), slide_options());
+    report_.slide = made_.report;
+    for (const graphs::StageReport& stage : made_.report.stages) report_.stages.push_back(stage);
+    layers_ = layers_from(made_);
+  }
+
+  void write_side_outputs() {
+    if (!options_.layers.empty()) {
+      const Timer timer(*this, "writing layers");
+      for (const std::string& file : write_maps(options_.layers, made_)) report_.outputs.push_back(file);
+    }
+    if (options_.dump_masks.empty()) return;
+    const Timer timer(*this, "writing masks");
+    std::error_code failure;
+    fs::create_directories(options_.dump_masks, failure);
+    const std::string stem = options_.dump_masks + "/" + fs::path(input_).stem().string();
+    write_png(report_.outputs.emplace_back(stem + ".occlusion.png"),
+              occlusion_mask(image_from_tensor(made_.occlusion)));
+    write_png(report_.outputs.emplace_back(stem + ".strokes.png"),
+              stroke_mask(report_.width, report_.height, seed()));
+  }
+
+  void write(const std::string& output) {
+    const Timer timer(*this, "writing " + output);
+    const std::string extension = lower_extension(output);
+    if (!options_.stereo.empty())
+      write_stereo(output);
+    else if (extension == ".html" || extension == ".htm")
+      write_html(output, layers_, camera_,
+                 {.title = fs::path(input_).stem().string(),
+                  .parallax_percent = options_.parallax,
+                  .focus = options_.focus});
+    else if (extension == ".glb")
+      write_glb(output, layers_, camera_, {.parallax = report_.parallax});
+    else
+      write_frames(output);
+    report_.outputs.push_back(output);
+  }
+
+ private:
+  /// Adds a stage to the report when it ends.
+  class Timer {
+   public:
+    Timer(Job& job, std::string stage) : job_(job), stage_(std::move(stage)) { job_.meter_(stage_, 0); }
+    ~Timer() {
+      graphs::StageReport stage;
+      stage.name = stage_;
+      stage.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - start_).count();
+      job_.report_.stages.push_back(stage);
+    }
+    Timer(const Timer&) = delete;
+    Timer& operator=(const Timer&) = delete;
+
+   private:
+    Job& job_;
+    std::string stage_;
+    std::chrono::steady_clock::time_point start_ = std::chrono::steady_clock::now();
+  };
+
+  void choose_camera(const Photo& photo) {
+    report_.fov = options_.fov.value_or(photo.horizontal_fov ? *photo.horizontal_fov * 180 / std::numbers::pi
+                                                             : kDefaultFov);
+    report_.fov_origin = options_.fov ? "--fov" : photo.horizontal_fov ? "EXIF" : "default";
+    report_.fov = std::clamp(report_.fov, 1.0, 170.0);
+    camera_ =
+        make_camera(colour_.width, colour_.height, report_.fov, options_.near_depth, options_.far_depth);
+    views_ = lower_extension(options_.path) == ".json"
+                 ? read_pose_file(options_.path)
+                 : make_path(camera_, path_options(path_kind(options_.path)));
+    report_.parallax = largest_parallax(camera_, views_);
+    report_.edge_zoom = options_.keep_edges ? 1 : edge_zoom(camera_, views_);
+  }
+
+  [[nodiscard]] PathOptions path_options(PathKind kind) const {
+    return {.kind = kind,
+            .parallax_percent = options_.parallax,
+            .focus = options_.focus,
+            .frames = options_.frames};
+  }
+
+  [[nodiscard]] graphs::SlideOptions slide_options() const {
+    graphs::SlideOptions o;
+    o.layering = {.parallax = report_.parallax,
+                  .beta = options_.beta,
+                  .gamma = options_.gamma,
+                  .rho = options_.rho,
+                  .radius = options_.radius ? std::optional<std::int64_t>(*options_.radius) : std::nullopt,
+                  .sigma = options_.sigma,
+                  .maxpool = options_.maxpool};
+    o.matte = options_.matte == "auto" ? graphs::MatteUse::kAuto : graphs::MatteUse::kNever;
+    o.whole_image = options_.whole_image;
+    o.progress = [this](const std::string& stage, double part, std::string_view) {
+      meter_(stage, part);
+      return true;
+    };
+    return o;
+  }
+
+  /// From the photo's name, so that each photo has strokes of its own, the same every time (FNV-1a).
+  [[nodiscard]] std::uint64_t seed() const {
+    std::uint64_t hash = 0xcbf29ce484222325U;
+    for (const char c : fs::path(input_).stem().string())
+      hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+    return hash;
+  }
+
+  [[nodiscard]] ViewRenderer renderer(const std::vector<View>& views) {
+    std::optional<double> tolerance;
+    if (options_.mesh_tolerance > 0) tolerance = mesh_tolerance(camera_, views, options_.mesh_tolerance);
+    ViewRenderer made(layers_, camera_, tolerance);
+    report_.triangles = made.triangle_count();
+    const std::size_t layer =
+        2 * static_cast<std::size_t>(report_.width + 1) * static_cast<std::size_t>(report_.height + 1);
+    report_.full_mesh_triangles = layer * (layers_.background ? 2 : 1);
+    return made;
+  }
+
+  [[nodiscard]] RenderOptions render_options() const {
+    const auto [width, height] = parse_size(options_.size, report_.width, report_.height);
+    return {.width = width, .height = height, .supersample = options_.supersample};
+  }
+
+  void write_frames(const std::string& output) {
+    const std::vector<View> views = options_.keep_edges ? views_ : without_edges(camera_, views_);
+    const RenderOptions size = render_options();
+    ViewRenderer draw = renderer(views);
+    const std::unique_ptr<FrameSink> sink = make_frame_sink(output);
+    sink->begin({size.width, size.height, options_.fps, static_cast<int>(views.size())});
+    Image frame;
+    for (std::size_t i = 0; i < views.size(); ++i) {
+      meter_("writing " + output, static_cast<double>(i) / static_cast<double>(views.size()));
+      draw.render(views[i], size, frame);
+      sink->frame(frame);
+    }
+    sink->finish();
+  }
+
+  /// The two ends of a swing: of four frames the fourth is the left eye's, the second the right eye's.
+  void write_stereo(const std::string& output) {
+    PathOptions swing = path_options(PathKind::kSwing);
+    swing.frames = 4;
+    std::vector<View> views = make_path(camera_, swing);
+    if (!options_.keep_edges) views = without_edges(camera_, std::move(views));
+    ViewRenderer draw = renderer(views);
+    Image left;
+    Image right;
+    draw.render(views[3], render_options(), left);
+    draw.render(views[1], render_options(), right);
+    write_image(output, options_.stereo == "sbs" ? side_by_side(left, right) : anaglyph(left, right));
+  }
+
+  const std::string& input_;
+  const Options& options_;
+  const Models& models_;
+  const Meter& meter_;
+  JobReport& report_;
+  Image colour_;
+  Camera camera_;
+  std::vector<View> views_;
+  graphs::SlideInput tensors_;
+  graphs::SlideLayers made_;
+  Layers layers_;
+};
+
+void require_known(const std::string& output, const Options& options) {
+  const std::string extension = lower_extension(output);
+  if (!options.stereo.empty()) {
+    if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
+      throw Error(ErrorKind::kUsage, "--stereo makes a still picture, " + output + " is none",
+                  "name it .png or .jpg");
+    return;
+  }
+  if (extension == ".html" || extension == ".htm" || extension == ".glb" || is_frame_output(output)) return;
+  throw Error(ErrorKind::kUsage, "nothing can be made of the extension of " + output,
+              ".html .glb .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
+}
+
+}  // namespace
+
+std::vector<std::string> output_names(const std::string& input, bool many, const Options& options) {
+  const fs::path path(input);
+  const std::string name = path.stem().string();
+  std::vector<std::string> names = options.outputs;
+  if (names.empty()) {
+    const char* suffix = options.stereo.empty() ? ".3d.html" : ".stereo.png";
+    const fs::path beside = path.parent_path() / (name + suffix);
+    return {beside.string()};
+  }
+  for (std::string& output : names) {
+    const std::size_t at = output.find("{}");
+    if (many && at == std::string::npos)
+      throw Error(ErrorKind::kUsage, "several photos would all be written to " + output,
+                  "put {} for the photo's name");
+    if (at != std::string::npos) output.replace(at, 2, name);
+    require_known(output, options);
+  }
+  return names;
+}
+
+void run_job(const std::string& input, bool many, const Options& options, const Models& models,
+             const Meter& meter, JobReport& report) {
+  report.input = input;
+  const std::vector<std::string> outputs = output_names(input, many, options);
+  Job job(input, options, models, meter, report);
+  job.read();
+  if (options.plan) {
+    job.show_plan();
+    return;
+  }
+  job.check_memory();
+  job.make_layers();
+  job.write_side_outputs();
+  for (const std::string& output : outputs) job.write(output);
+}
+
+}  // namespace slide::run

@@ -1,0 +1,152 @@
+// slide_run: a photo becomes a 3D photo.
+
+#include <algorithm>
+#include <cstdio>
+#include <filesystem>
+#include <new>
+
+#include "examples/slide_run/job.h"
+#include "examples/slide_run/report.h"
+#include "runtime/atomic_file.h"
+#include "runtime/error.h"
+#include "runtime/threads.h"
+#include "runtime/version.h"
+
+namespace slide::run {
+namespace {
+
+namespace fs = std::filesystem;
+
+bool looks_like_photo(const fs::path& path) {
+  static const char* const kExtensions[] = {".jpg",  ".jpeg", ".png", ".tif", ".tiff",
+                                            ".webp", ".bmp",  ".exr", ".heic"};
+  std::string extension = path.extension().string();
+  std::transform(extension.begin(), extension.end(), extension.begin(),
+                 [](unsigned char c) { return std::tolower(c); });
+  return std::find(std::begin(kExtensions), std::end(kExtensions), extension) != std::end(kExtensions);
+}
+
+/// Folders replaced by the photos in them, sorted by name.
+std::vector<std::string> find_photos(const std::vector<std::string>& inputs) {
+  std::vector<std::string> photos;
+  for (const std::string& input : inputs) {
+    if (!fs::is_directory(input)) {
+      photos.push_back(input);
+      continue;
+    }
+    std::vector<std::string> inside;
+    for (const fs::directory_entry& entry : fs::directory_iterator(input))
+      if (entry.is_regular_file() && looks_like_photo(entry.path())) inside.push_back(entry.path().string());
+    std::sort(inside.begin(), inside.end());
+    photos.insert(photos.end(), inside.begin(), inside.end());
+  }
+  return photos;
+}
+
+void check_combinations(const Options& o, const std::vector<std::string>& photos) {
+  if (photos.empty())
+    throw Error(ErrorKind::kUsage, "no photo was given", "slide_run photo.jpg, or slide_run --help");
+  const bool many = photos.size() > 1;
+  if (many && !o.depth.empty())
+    throw Error(ErrorKind::kUsage,
+                "--depth belongs to one photo, and there are " + std::to_string(photos.size()));
+  if (many && o.matte != "none" && o.matte != "auto")
+    throw Error(ErrorKind::kUsage,
+                "--matte FILE belongs to one photo, and there are " + std::to_string(photos.size()));
+  if (many && !o.layers.empty())
+    throw Error(ErrorKind::kUsage,
+                "--layers belongs to one photo, and there are " + std::to_string(photos.size()));
+  for (const std::string& photo : photos) (void)output_names(photo, many, o);
+  (void)parse_size(o.size, 640, 480);
+  if (!o.max_memory.empty()) (void)parse_bytes(o.max_memory);
+}
+
+/// Runs every photo; one that fails does not stop the others. @return the exit code
+int run_all(const Options& o, const std::vector<std::string>& photos) {
+  const Models models(o);
+  ProgressDisplay progress(o.quiet || o.json);
+  const Meter meter = [&](const std::string& stage, double part) { progress.show(stage, part); };
+  std::vector<JobReport> reports(photos.size());
+  int failures = 0;
+  for (std::size_t i = 0; i < photos.size(); ++i) {
+    JobReport& report = reports[i];
+    try {
+      run_job(photos[i], photos.size() > 1, o, models, meter, report);
+    } catch (const Error& e) {
+      report.error = e.what();
+      report.exit_code = exit_code(e.kind());
+    } catch (const std::bad_alloc&) {
+      report.error = photos[i] + ": memory ran out (a smaller --max-side needs less)";
+      report.exit_code = exit_code(ErrorKind::kOutOfMemory);
+    }
+    progress.clear();
+    failures += report.error.empty() ? 0 : 1;
+    if (!report.error.empty())
+      std::fprintf(stderr, "slide_run: %s\n", report.error.c_str());
+    else if (!o.quiet && !o.json && !o.plan)
+      print_summary(report, o.explain);
+  }
+  if (o.json) print_json(reports);
+  if (photos.size() > 1 && !o.quiet && !o.json)
+    std::fprintf(stderr, "%zu photos, %zu done, %d failed\n", photos.size(),
+                 photos.size() - static_cast<std::size_t>(failures), failures);
+  if (photos.size() == 1) return reports[0].exit_code;
+  return failures == 0 ? 0 : 1;
+}
+
+void say_what_next(const Options& o, std::size_t photos) {
+  if (o.quiet || o.json || o.plan || photos != 1 || !o.outputs.empty()) return;
+  std::fprintf(stderr,
+               "Open it in a browser and move the mouse. Next: -o photo.gif for an animation, --explain for "
+               "the details.\n");
+}
+
+std::string version_text() {
+  return "slide_run " + std::string(version()) + "\nbuild: " + std::string(build_description()) +
+         "\ninstruction set: " + std::string(name_of(detected_isa()));
+}
+
+int parse_and_run(int argc, char** argv) {
+  Options o;
+  CLI::App app;
+  declare(app, o);
+  app.set_version_flag("--version", version_text());
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    const int code = app.exit(e);
+    return code == 0 ? 0 : exit_code(ErrorKind::kUsage);
+  }
+  set_thread_count(o.threads);
+  if (!o.isa.empty()) {
+    const std::optional<Isa> isa = isa_from_name(o.isa);
+    if (!isa)
+      throw Error(ErrorKind::kUsage, "--isa " + o.isa + " is no instruction-set level",
+                  "baseline, avx2, avx512, avx512bf16, neon");
+    set_isa(*isa);
+  }
+  const std::vector<std::string> photos = find_photos(o.inputs);
+  check_combinations(o, photos);
+  const int code = run_all(o, photos);
+  if (code == 0) say_what_next(o, photos.size());
+  return code;
+}
+
+}  // namespace
+}  // namespace slide::run
+
+int main(int argc, char** argv) {
+  slide::remove_unfinished_files_on_signals();
+  try {
+    return slide::run::parse_and_run(argc, argv);
+  } catch (const slide::Error& e) {
+    std::fprintf(stderr, "slide_run: %s\n", e.what());
+    return slide::exit_code(e.kind());
+  } catch (const std::bad_alloc&) {
+    std::fprintf(stderr, "slide_run: memory ran out\n");
+    return slide::exit_code(slide::ErrorKind::kOutOfMemory);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "slide_run: internal error: %s\n", e.what());
+    return slide::exit_code(slide::ErrorKind::kInternal);
+  }
+}

@@ -1,0 +1,227 @@
+#include "examples/slide_run/options.h"
+
+#include <cmath>
+#include <limits>
+
+#include "runtime/error.h"
+
+namespace slide::run {
+namespace {
+
+constexpr const char* kExamples = R"(Examples:
+  slide_run photo.jpg                                  photo.3d.html: open it, move the mouse
+  slide_run photo.jpg -o photo.gif -o photo.glb        an animation and a 3D model
+  slide_run photo.jpg --parallax 6 --path swing -o photo.mp4
+  slide_run photo.jpg --depth depth.png --depth-kind depth
+  slide_run photo.jpg --stereo anaglyph -o photo.png   for red-cyan glasses
+  slide_run holiday/ -o 'out/{}.html'                  every photo of a folder
+  slide_run photo.jpg -o - | ffplay -                  frames into a pipe
+
+Exit codes: 0 done, 1 some inputs failed, 2 usage, 3 bad input file, 4 bad weights, 5 out of memory or over
+--max-memory, 6 internal error.)";
+
+void declare_input(CLI::App& app, Options& o) {
+  app.add_option("photo", o.inputs, "Photos, or folders of photos")->type_name("FILE");
+  const char* group = "Input";
+  app.add_option("--depth", o.depth, "Depth map of the photo instead of a depth network: PNG, PFM, EXR")
+      ->group(group)
+      ->type_name("FILE");
+  app.add_option("--depth-kind", o.depth_kind, "What its numbers are: disparity (larger is nearer) or depth")
+      ->group(group)
+      ->capture_default_str();
+  app.add_option("--matte", o.matte,
+                 "Alpha matte of the subject: a file, auto (found if something stands out), none")
+      ->group(group)
+      ->type_name("FILE|auto|none")
+      ->capture_default_str();
+  app.add_option("--max-side", o.max_side,
+                 "Larger photos are reduced to this many pixels on their longer side")
+      ->group(group)
+      ->check(CLI::Range(16, 16384))
+      ->capture_default_str();
+}
+
+void declare_networks(CLI::App& app, Options& o) {
+  const char* group = "Networks (default: the weights inside this program)";
+  const auto network = [&](const char* role, std::string& weights, std::string& model, const char* models) {
+    const std::string flag = std::string("--") + role;
+    app.add_option(flag + "-weights", weights,
+                   std::string("Weights of the ") + role + " network, from slide_convert")
+        ->group(group)
+        ->type_name("FILE.safetensors");
+    app.add_option(flag + "-model", model,
+                   std::string("Which network they are for, if the file does not tell: ") + models)
+        ->group(group)
+        ->type_name("NAME");
+  };
+  network("depth", o.depth_weights, o.depth_model, "slide_depth, midas_v21, midas_v21_small");
+  network("inpaint", o.inpaint_weights, o.inpaint_model, "slide_inpaint, inpaint_coarse, inpaint_deepfill");
+  network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");
+}
+
+void declare_output(CLI::App& app, Options& o) {
+  const char* group = "Output";
+  app.add_option(
+         "-o,--output", o.outputs,
+         "What to make, by extension; several may be given. .html .glb .gif .png (APNG) .mp4 .webm .y4m, a "
+         "folder "
+         "of frames, - for frames on standard output. {} stands for the photo's name. Default: PHOTO.3d.html")
+      ->group(group)
+      ->type_name("FILE");
+  app.add_option("--stereo", o.stereo,
+                 "Make -o a still for two eyes: sbs (side by side) or anaglyph (red-cyan)")
+      ->group(group)
+      ->check(CLI::IsMember({"sbs", "anaglyph"}));
+  app.add_option("--layers", o.layers, "Also write the layers and every map into this folder")
+      ->group(group)
+      ->type_name("DIR");
+  app.add_option("--dump-masks", o.dump_masks,
+                 "Also write the training masks of the photo: occlusion mask and random strokes, PNG")
+      ->group(group)
+      ->type_name("DIR");
+}
+
+void declare_path(CLI::App& app, Options& o) {
+  const char* group = "Camera path";
+  app.add_option("--path", o.path, "circle, swing, zoom, dolly-zoom, or a JSON file of poses")
+      ->group(group)
+      ->type_name("NAME|FILE")
+      ->capture_default_str();
+  app.add_option("--parallax", o.parallax, "How far near moves against far, percent of the photo's width")
+      ->group(group)
+      ->check(CLI::Range(0.0, 50.0))
+      ->capture_default_str();
+  app.add_option("--focus", o.focus, "The disparity that stands still: 0 far, 1 near")
+      ->group(group)
+      ->check(CLI::Range(0.0, 1.0))
+      ->capture_default_str();
+  app.add_option("--frames", o.frames, "Frames of the path")
+      ->group(group)
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  app.add_option("--fps", o.fps, "Frames per second")
+      ->group(group)
+      ->check(CLI::Range(0.1, 1000.0))
+      ->capture_default_str();
+  app.add_option("--size", o.size,
+                 "Size of the frames: WIDTHxHEIGHT, or the longer side. Default: the photo's")
+      ->group(group);
+  app.add_flag("--keep-edges", o.keep_edges,
+               "Do not zoom in to hide the photo's edge where the camera moves past it")
+      ->group(group);
+}
+
+void declare_geometry(CLI::App& app, Options& o) {
+  const char* geometry = "Geometry";
+  app.add_option("--near", o.near_depth, "Depth of disparity 1")->group(geometry)->capture_default_str();
+  app.add_option("--far", o.far_depth, "Depth of disparity 0")->group(geometry)->capture_default_str();
+  app.add_option("--fov", o.fov, "Horizontal field of view in degrees. Default: the photo's EXIF, else 53.13")
+      ->group(geometry)
+      ->check(CLI::Range(1.0, 170.0));
+  const char* layering = "Soft layering (P is the largest parallax in pixels)";
+  app.add_option("--beta", o.beta, "Steepness of the visibility. Default: 4 ln2 P^2")->group(layering);
+  app.add_option("--gamma", o.gamma, "Steepness of the disocclusion. Default: P")->group(layering);
+  app.add_option("--rho", o.rho, "Disparity that a pixel of distance is worth. Default: 1/P")
+      ->group(layering);
+  app.add_option("--radius", o.radius, "Window of the disocclusion in pixels. Default: P")->group(layering);
+  app.add_option("--sigma", o.sigma, "Blur of the disparity in pixels")
+      ->group(layering)
+      ->capture_default_str();
+  app.add_option("--maxpool", o.maxpool, "Max-pool of the disparity in pixels, odd")
+      ->group(layering)
+      ->capture_default_str();
+}
+
+void declare_running(CLI::App& app, Options& o) {
+  const char* drawing = "Drawing";
+  app.add_option(
+         "--mesh-tolerance", o.mesh_tolerance,
+         "Merge triangles where that moves nothing by more than this many pixels; 0: one vertex a pixel")
+      ->group(drawing)
+      ->check(CLI::Range(0.0, 100.0))
+      ->capture_default_str();
+  app.add_flag("--supersample", o.supersample, "Average 2x2 samples for each pixel")->group(drawing);
+  const char* running = "Running";
+  app.add_option("--threads", o.threads, "Threads; 0: one a core")
+      ->group(running)
+      ->check(CLI::Range(0, 1024))
+      ->capture_default_str();
+  app.add_option("--isa", o.isa, "Force a lower instruction set: baseline, avx2, avx512, avx512bf16, neon")
+      ->group(running)
+      ->type_name("LEVEL");
+  app.add_option("--max-memory", o.max_memory,
+                 "Refuse before any work what needs more memory than this, e.g. 512M")
+      ->group(running)
+      ->type_name("BYTES");
+  app.add_flag("--whole-image", o.whole_image,
+               "Inpaint the whole image at once instead of the windows with holes")
+      ->group(running);
+  app.add_flag("--explain", o.explain, "Say what was modelled and what was skipped, with the numbers")
+      ->group(running);
+  app.add_flag("--plan", o.plan, "Print how the networks would run on this photo, and stop")->group(running);
+  app.add_flag("-q,--quiet", o.quiet, "Print nothing but errors")->group(running);
+  app.add_flag("--json", o.json, "Print a report as JSON")->group(running);
+}
+
+}  // namespace
+
+void declare(CLI::App& app, Options& options) {
+  app.description("Turns a photo into a 3D photo.");
+  app.footer(kExamples);
+  declare_input(app, options);
+  declare_output(app, options);
+  declare_path(app, options);
+  declare_geometry(app, options);
+  declare_networks(app, options);
+  declare_running(app, options);
+}
+
+std::size_t parse_bytes(const std::string& text) {
+  const auto wrong = [&] {
+    return Error(ErrorKind::kUsage, "'" + text + "' is no amount of memory",
+                 "for example 512M, 2G or 1500000");
+  };
+  std::size_t used = 0;
+  double amount = 0;
+  try {
+    amount = std::stod(text, &used);
+  } catch (const std::exception&) {
+    throw wrong();
+  }
+  const std::string unit = text.substr(used);
+  if (unit == "K" || unit == "k")
+    amount *= 1024;
+  else if (unit == "M")
+    amount *= 1024.0 * 1024;
+  else if (unit == "G")
+    amount *= 1024.0 * 1024 * 1024;
+  else if (!unit.empty())
+    throw wrong();
+  if (!(amount >= 1) || amount > 1e18) throw wrong();
+  return static_cast<std::size_t>(amount);
+}
+
+std::pair<int, int> parse_size(const std::string& text, int photo_width, int photo_height) {
+  if (text.empty()) return {photo_width, photo_height};
+  const auto wrong = [&] {
+    return Error(ErrorKind::kUsage, "'" + text + "' is no size of a frame",
+                 "WIDTHxHEIGHT or the longer side, 16 to 16384 pixels");
+  };
+  const auto number = [&](const std::string& digits) {
+    if (digits.empty() || digits.size() > 5 || digits.find_first_not_of("0123456789") != std::string::npos)
+      throw wrong();
+    const int value = std::stoi(digits);
+    if (value < 16 || value > 16384) throw wrong();
+    return value;
+  };
+  if (const std::size_t x = text.find('x'); x != std::string::npos)
+    return {number(text.substr(0, x)), number(text.substr(x + 1))};
+  const int side = number(text);
+  const int longer = std::max(photo_width, photo_height);
+  const auto scaled = [&](int extent) {
+    return std::max(1, static_cast<int>(std::lround(static_cast<double>(extent) * side / longer)));
+  };
+  return {scaled(photo_width), scaled(photo_height)};
+}
+
+}  // namespace slide::run

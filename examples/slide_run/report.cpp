@@ -1,0 +1,134 @@
+#include "examples/slide_run/report.h"
+
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include <cmath>
+#include <cstdio>
+#include <nlohmann/json.hpp>
+
+namespace slide::run {
+namespace {
+
+double mebibytes(std::size_t bytes) { return static_cast<double>(bytes) / 1048576; }
+
+void explain(const JobReport& r) {
+  const graphs::SlideReport& s = r.slide;
+  const graphs::Layering& l = s.layering;
+  std::fprintf(stderr, "What was modelled, and what was skipped:\n");
+  if (r.width != r.photo_width || r.height != r.photo_height)
+    std::fprintf(stderr, "  size        %dx%d, reduced from %dx%d (--max-side)\n", r.width, r.height,
+                 r.photo_width, r.photo_height);
+  else
+    std::fprintf(stderr, "  size        %dx%d\n", r.width, r.height);
+  std::fprintf(
+      stderr,
+      "  camera      field of view %.2f degrees (%s); P = %.2f pixels; zoomed in by %.3f to hide the edge\n",
+      r.fov, r.fov_origin.c_str(), r.parallax, r.edge_zoom);
+  std::fprintf(stderr, "  depth       %s%s\n", r.depth_origin.c_str(),
+               s.relief ? "" : "; no relief: one layer, nothing else is needed");
+  std::fprintf(
+      stderr, "  layering    beta %.4g, gamma %.4g, rho %.4g, radius %lld, sigma %.3g, maxpool %lld\n",
+      l.beta, l.gamma, l.rho, static_cast<long long>(l.radius), l.sigma, static_cast<long long>(l.maxpool));
+  std::fprintf(stderr, "  matte       %s (covers %.1f %%)\n", s.matte_used ? "used" : "not used",
+               100 * s.matte_coverage);
+  std::fprintf(stderr, "  background  %s; %.2f %% of the pixels may come into view\n", s.inpainting.c_str(),
+               100 * s.hole_fraction);
+  if (!s.windows.empty())
+    std::fprintf(stderr, "  windows     %zu, %.1f %% of the image was computed\n", s.windows.size(),
+                 100 * s.window_fraction);
+  if (r.triangles > 0)
+    std::fprintf(stderr, "  meshes      %zu triangles (%.1f %% of the full meshes' %zu)\n", r.triangles,
+                 100.0 * static_cast<double>(r.triangles) / static_cast<double>(r.full_mesh_triangles),
+                 r.full_mesh_triangles);
+  std::fprintf(stderr, "  memory      %.0f MiB planned at most, %.0f MiB used at most\n",
+               mebibytes(r.planned_memory), mebibytes(peak_memory()));
+}
+
+nlohmann::json to_json(const JobReport& r) {
+  nlohmann::json stages = nlohmann::json::array();
+  for (const graphs::StageReport& s : r.stages)
+    stages.push_back(
+        {{"name", s.name}, {"seconds", s.seconds}, {"gflop", s.gflop}, {"memory_bytes", s.memory}});
+  nlohmann::json windows = nlohmann::json::array();
+  for (const graphs::Window& w : r.slide.windows) windows.push_back({w.x0, w.y0, w.x1, w.y1});
+  const graphs::Layering& l = r.slide.layering;
+  nlohmann::json j = {{"input", r.input}, {"outputs", r.outputs}, {"exit_code", r.exit_code}};
+  if (!r.error.empty()) j["error"] = r.error;
+  j["photo"] = {
+      {"width", r.photo_width}, {"height", r.photo_height}, {"fov", r.fov}, {"fov_origin", r.fov_origin}};
+  j["worked_on"] = {{"width", r.width}, {"height", r.height}};
+  j["parallax_pixels"] = r.parallax;
+  j["edge_zoom"] = r.edge_zoom;
+  j["layering"] = {{"beta", l.beta},     {"gamma", l.gamma}, {"rho", l.rho},
+                   {"radius", l.radius}, {"sigma", l.sigma}, {"maxpool", l.maxpool}};
+  j["depth"] = r.depth_origin;
+  j["relief"] = r.slide.relief;
+  j["matte"] = {{"used", r.slide.matte_used}, {"coverage", r.slide.matte_coverage}};
+  j["inpainting"] = r.slide.inpainting;
+  j["hole_fraction"] = r.slide.hole_fraction;
+  j["windows"] = windows;
+  j["window_fraction"] = r.slide.window_fraction;
+  j["triangles"] = r.triangles;
+  j["full_mesh_triangles"] = r.full_mesh_triangles;
+  j["planned_memory_bytes"] = r.planned_memory;
+  j["stages"] = stages;
+  return j;
+}
+
+}  // namespace
+
+ProgressDisplay::ProgressDisplay(bool quiet) : quiet_(quiet), terminal_(isatty(STDERR_FILENO) != 0) {}
+
+ProgressDisplay::~ProgressDisplay() { clear(); }
+
+void ProgressDisplay::clear() {
+  if (!quiet_ && terminal_ && percent_ >= 0) std::fprintf(stderr, "\r\033[K");
+  percent_ = -1;
+}
+
+void ProgressDisplay::show(const std::string& stage, double part) {
+  if (quiet_) return;
+  const int percent = static_cast<int>(std::lround(100 * part));
+  if (stage == stage_ && (!terminal_ || percent == percent_)) return;
+  if (!terminal_ && stage != stage_) std::fprintf(stderr, "%s ...\n", stage.c_str());
+  stage_ = stage;
+  percent_ = percent;
+  if (!terminal_) return;
+  constexpr int kBar = 30;
+  const int filled = std::min(kBar, kBar * percent / 100);
+  std::fprintf(stderr, "\r\033[K[%s%s] %3d %%  %s",
+               std::string(static_cast<std::size_t>(filled), '#').c_str(),
+               std::string(static_cast<std::size_t>(kBar - filled), '.').c_str(), percent, stage.c_str());
+  std::fflush(stderr);
+}
+
+void print_summary(const JobReport& r, bool explained) {
+  std::fprintf(stderr, "%s: %dx%d pixels, depth from %s, %s background", r.input.c_str(), r.width, r.height,
+               r.depth_origin.c_str(), r.slide.windows.empty() ? "no" : r.slide.inpainting.c_str());
+  double total = 0;
+  for (const graphs::StageReport& s : r.stages) total += s.seconds;
+  std::fprintf(stderr, ", %.2f s\n", total);
+  for (const graphs::StageReport& s : r.stages)
+    if (s.gflop > 0)
+      std::fprintf(stderr, "  %-28s %8.3f s  %8.2f GFLOP\n", s.name.c_str(), s.seconds, s.gflop);
+    else
+      std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
+  if (explained) explain(r);
+  for (const std::string& output : r.outputs) std::fprintf(stderr, "wrote %s\n", output.c_str());
+}
+
+void print_json(const std::vector<JobReport>& reports) {
+  nlohmann::json all = nlohmann::json::array();
+  for (const JobReport& r : reports) all.push_back(to_json(r));
+  const nlohmann::json document = {{"photos", all}, {"peak_memory_bytes", peak_memory()}};
+  std::printf("%s\n", document.dump(2, ' ', false, nlohmann::json::error_handler_t::replace).c_str());
+}
+
+std::size_t peak_memory() {
+  rusage usage{};
+  getrusage(RUSAGE_SELF, &usage);
+  return static_cast<std::size_t>(usage.ru_maxrss) * 1024;
+}
+
+}  // namespace slide::run

@@ -1,0 +1,19 @@
+#pragma once
+
+#include <cstddef>
+
+#include "graphs/slide.h"
+
+namespace slide::run {
+
+/// Prints, for every stage, each node with its kernel, its multiply-accumulates and its place in the arena.
+void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
+                const graphs::SlideOptions& options);
+
+/// An upper estimate in bytes of what a photo of that size needs from reading to writing: the largest stage's
+/// plan, and the layers, maps and meshes that are alive beside it.
+[[nodiscard]] std::size_t planned_memory(int height, int width, const graphs::SlideModels& models,
+                                         const graphs::SlideInput& known,
+                                         const graphs::SlideOptions& options);
+
+}  // namespace slide::run

@@ -1,0 +1,138 @@
+#include "render/html.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+#include <string_view>
+
+#include "render/image_file.h"
+#include "runtime/error.h"
+#include "tests/render/decoders.h"
+#include "tests/render/sample_scene.h"
+#include "tests/temporary_folder.h"
+
+namespace {
+
+using Json = nlohmann::json;
+
+std::vector<std::uint8_t> as_bytes(std::string_view text) { return {text.begin(), text.end()}; }
+
+/// What stands between two marks, the first time they occur.
+std::string between(const std::string& text, const std::string& from, const std::string& to) {
+  const std::size_t a = text.find(from);
+  REQUIRE(a != std::string::npos);
+  const std::size_t b = text.find(to, a + from.size());
+  REQUIRE(b != std::string::npos);
+  return text.substr(a + from.size(), b - a - from.size());
+}
+
+Json scene_of(const std::string& page) {
+  return Json::parse(between(page, "<script id=\"scene\" type=\"application/json\">", "</script>"));
+}
+
+std::vector<std::uint8_t> payload(const std::string& uri) {
+  const std::string text = uri.substr(uri.find(',') + 1);
+  std::vector<std::uint8_t> out;
+  unsigned group = 0;
+  int bits = 0;
+  const std::string_view alphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+  for (const char c : text) {
+    if (c == '=') break;
+    group = group << 6U | static_cast<unsigned>(alphabet.find(c));
+    bits += 6;
+    if (bits < 8) continue;
+    bits -= 8;
+    out.push_back(static_cast<std::uint8_t>(group >> static_cast<unsigned>(bits) & 255U));
+  }
+  return out;
+}
+
+}  // namespace
+
+TEST_CASE("Base64 gives RFC 4648's test vectors") {
+  const std::vector<std::pair<std::string, std::string>> vectors = {{"", ""},
+                                                                    {"f", "Zg=="},
+                                                                    {"fo", "Zm8="},
+                                                                    {"foo", "Zm9v"},
+                                                                    {"foob", "Zm9vYg=="},
+                                                                    {"fooba", "Zm9vYmE="},
+                                                                    {"foobar", "Zm9vYmFy"}};
+  for (const auto& [text, expected] : vectors) CHECK(slide::base64(as_bytes(text)) == expected);
+}
+
+TEST_CASE("The viewer's page holds the layers, with disparity in 16 bits at the mesh's vertices") {
+  const slide::Layers scene = sample_scene(60, 40);
+  slide::HtmlOptions options;
+  options.mesh_side = 31;
+  const std::string page = slide::encode_html(scene, slide::make_camera(60, 40), options);
+  const Json json = scene_of(page);
+  CHECK(json["width"] == 60);
+  CHECK(json["height"] == 40);
+  CHECK(json["parallax"].get<double>() == doctest::Approx(2.4));
+  const Json& layer = json["foreground"];
+  CHECK(layer["columns"] == 31);
+  CHECK(layer["rows"] == 21);
+  const DecodedPng disparity = independent_png(payload(layer["disparity"]));
+  REQUIRE(disparity.width == 31);
+  REQUIRE(disparity.height == 21);
+  REQUIRE(disparity.channels == 3);
+  const DecodedPng alpha = independent_png(payload(layer["alpha"]));
+  CHECK(alpha.width == 60);
+  CHECK(alpha.channels == 1);
+  CHECK(slide::decode_photo(payload(layer["colour"]), "colour").colour.width == 60);
+  const auto value_at = [&](int column, int row) {
+    const auto i = static_cast<std::size_t>((row * 31 + column) * 3);
+    return disparity.samples[i] * 256 + disparity.samples[i + 1];
+  };
+  CHECK(value_at(0, 0) == 0);
+  CHECK(value_at(15, 10) == 65535);  // at (29.5, 19.5), inside the square
+  // Column c lies at x = 2c - 0.5; rings of disparity 2/3 and 1/3 begin 7 pixels from (30, 20). At x = 37.5:
+  // mean of both.
+  CHECK(std::abs(value_at(19, 10) - 65535 * 0.5) <= 1);
+  CHECK(page.find("http://") == std::string::npos);
+  CHECK(page.find("https://") == std::string::npos);
+  CHECK(page.find("{{") == std::string::npos);
+}
+
+TEST_CASE("A title is text, whatever it holds") {
+  slide::HtmlOptions options;
+  options.title = "</title><script>alert(1)</script> \"{{scene}}\" & more";
+  const std::string page = slide::encode_html(sample_scene(24, 16), slide::make_camera(24, 16), options);
+  CHECK(between(page, "<title>", "</title>") ==
+        "&lt;/title&gt;&lt;script&gt;alert(1)&lt;/script&gt; &quot;{{scene}}&quot; &amp; more");
+  CHECK(page.find("alert(1)</script>") == std::string::npos);
+  CHECK(scene_of(page)["width"] == 24);
+}
+
+TEST_CASE("A single layer has neither background nor visibility in its page") {
+  slide::Layers layers;
+  layers.foreground = sample_scene(24, 16).foreground;
+  const TemporaryFolder folder;
+  slide::write_html(folder.file("a.html"), layers, slide::make_camera(24, 16));
+  const std::vector<std::uint8_t> bytes = slide::read_file(folder.file("a.html"));
+  const Json json = scene_of(std::string(bytes.begin(), bytes.end()));
+  CHECK_FALSE(json.contains("background"));
+  CHECK_FALSE(json["foreground"].contains("alpha"));
+}
+
+TEST_CASE("Viewer options out of range are refused") {
+  const slide::Layers scene = sample_scene(24, 16);
+  const slide::Camera camera = slide::make_camera(24, 16);
+  const auto refused = [&](const slide::HtmlOptions& options) {
+    CHECK_THROWS_AS(static_cast<void>(slide::encode_html(scene, camera, options)), slide::Error);
+  };
+  slide::HtmlOptions options;
+  options.parallax_percent = std::nan("");
+  refused(options);
+  options = {};
+  options.focus = 1.5;
+  refused(options);
+  options = {};
+  options.mesh_side = 1;
+  refused(options);
+  options = {};
+  options.jpeg_quality = 0;
+  refused(options);
+}

@@ -1,0 +1,342 @@
+#include "render/image_file.h"
+
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <fstream>
+#include <functional>
+#include <limits>
+
+#include "render/codec.h"
+#include "render/oiio.h"
+#include "render/write_image.h"
+#include "runtime/error.h"
+#include "tests/temporary_folder.h"
+
+namespace {
+
+using slide::Image;
+using slide::Photo;
+
+// The formulas of tests/oracles/make_images.py.
+int sample8(int x, int y, int c) { return (x * 37 + y * 91 + c * 53 + 11) % 256; }
+int sample16(int x, int y, int c) { return (x * 9173 + y * 20011 + c * 30011 + 77) % 65536; }
+
+std::string data(const std::string& name) { return std::string(SLIDE_TEST_DATA) + "/images/" + name; }
+
+/// The largest difference from expected(x, y, c).
+double largest_error(const Image& image, const std::function<double(int, int, int)>& expected) {
+  double worst = 0;
+  for (int y = 0; y < image.height; ++y) {
+    for (int x = 0; x < image.width; ++x) {
+      for (int c = 0; c < image.channels; ++c) {
+        worst = std::fmax(worst, std::abs(image.at(x, y, c) - expected(x, y, c)));
+      }
+    }
+  }
+  return worst;
+}
+
+void check_size(const Image& image, int width, int height, int channels) {
+  REQUIRE(image.width == width);
+  REQUIRE(image.height == height);
+  REQUIRE(image.channels == channels);
+}
+
+/// Red, green, blue and white quarters of 48×32 pixels.
+void check_corners(const Image& image, double tolerance) {
+  check_size(image, 48, 32, 3);
+  const auto expected = [](int x, int y, int c) -> double {
+    const bool right = x >= 24;
+    const bool lower = y >= 16;
+    if (right && lower) return 1;
+    const int lit = right ? 1 : lower ? 2 : 0;
+    return c == lit ? 1 : 0;
+  };
+  CHECK(largest_error(image, expected) <= tolerance);
+}
+
+std::string message_of(const std::function<void()>& action,
+                       slide::ErrorKind kind = slide::ErrorKind::kBadInput) {
+  try {
+    action();
+  } catch (const slide::Error& e) {
+    CHECK(e.kind() == kind);
+    return e.what();
+  }
+  return "no error";
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+}  // namespace
+
+TEST_CASE("Each of the eight EXIF orientations of a JPEG shows the same picture") {
+  for (int orientation = 1; orientation <= 8; ++orientation) {
+    CAPTURE(orientation);
+    const Photo photo = slide::read_photo(data("orientation_" + std::to_string(orientation) + ".jpg"));
+    check_corners(photo.colour, 3 / 255.0);
+    CHECK_FALSE(photo.horizontal_fov);
+  }
+}
+
+TEST_CASE("EXIF orientation in a PNG's eXIf chunk is applied") {
+  check_corners(slide::read_photo(data("orientation_8.png")).colour, 0);
+}
+
+TEST_CASE("The field of view follows from the 35 mm equivalent focal length by the diagonal, as shown") {
+  const Photo photo = slide::read_photo(data("focal_35mm.jpg"));
+  check_size(photo.colour, 48, 32, 3);
+  const double focal_pixels = 28 * std::hypot(48, 32) / std::hypot(36, 24);
+  REQUIRE(photo.horizontal_fov);
+  CHECK(*photo.horizontal_fov == doctest::Approx(2 * std::atan(24 / focal_pixels)).epsilon(1e-12));
+}
+
+TEST_CASE(
+    "The field of view follows from focal length and focal plane resolution of a picture made smaller "
+    "since") {
+  const Photo photo = slide::read_photo(data("focal_plane.jpg"));
+  // 5 mm · 1200 pixels per mm at 4800 pixels of width, 48 of which are left.
+  REQUIRE(photo.horizontal_fov);
+  CHECK(*photo.horizontal_fov == doctest::Approx(2 * std::atan(24.0 / 60.0)).epsilon(1e-12));
+}
+
+TEST_CASE("Progressive and grey JPEG files become RGB") {
+  check_corners(slide::read_photo(data("progressive.jpg")).colour,
+                0.35);  // chroma is halved at the quarters' edges
+  const Photo grey = slide::read_photo(data("grey.jpg"));
+  check_size(grey.colour, 48, 32, 3);
+  CHECK(grey.colour.at(5, 5, 0) == doctest::Approx(76 / 255.0).epsilon(0.02));
+  CHECK(largest_error(grey.colour, [&](int x, int y, int) { return grey.colour.at(x, y, 0); }) == 0);
+}
+
+TEST_CASE("A CMYK JPEG is refused with the way out") {
+  const std::string message = message_of([] { static_cast<void>(slide::read_photo(data("cmyk.jpg"))); });
+  CHECK(contains(message, "cmyk.jpg"));
+  CHECK(contains(message, "CMYK"));
+  CHECK(contains(message, "convert it to RGB"));
+}
+
+TEST_CASE("PNG samples of 1, 8 and 16 bits are read exactly, interlaced or not") {
+  const auto exact8 = [](int x, int y, int c) {
+    return static_cast<double>(static_cast<float>(sample8(x, y, c)) / 255.0F);
+  };
+  const auto exact16 = [](int x, int y, int c) {
+    return static_cast<double>(static_cast<float>(sample16(x, y, c)) / 65535.0F);
+  };
+  for (const char* name : {"rgb_8.png", "rgb_8_interlaced.png"}) {
+    const Photo photo = slide::read_photo(data(name));
+    check_size(photo.colour, 9, 7, 3);
+    CHECK(photo.alpha.empty());
+    CHECK(largest_error(photo.colour, exact8) == 0);
+  }
+  for (const char* name : {"rgb_16.png", "rgb_16_interlaced.png"}) {
+    const Photo photo = slide::read_photo(data(name));
+    check_size(photo.colour, 9, 7, 3);
+    CHECK(largest_error(photo.colour, exact16) == 0);
+  }
+  const Image grey8 = slide::read_map(data("grey_8.png"));
+  check_size(grey8, 9, 7, 1);
+  CHECK(largest_error(grey8, exact8) == 0);
+  const Image grey16 = slide::read_map(data("grey_16.png"));
+  check_size(grey16, 9, 7, 1);
+  CHECK(largest_error(grey16, exact16) == 0);
+  const Image grey1 = slide::read_map(data("grey_1.png"));
+  check_size(grey1, 13, 5, 1);
+  CHECK(largest_error(grey1, [](int x, int y, int) { return (x * y + x) % 2; }) == 0);
+}
+
+TEST_CASE("Transparent pixels are flattened on black and the transparency is kept") {
+  const Photo rgba = slide::read_photo(data("rgba_16.png"));
+  check_size(rgba.colour, 9, 7, 3);
+  check_size(rgba.alpha, 9, 7, 1);
+  CHECK(largest_error(rgba.alpha, [](int x, int y, int) { return sample16(x, y, 3) / 65535.0; }) < 1e-7);
+  CHECK(largest_error(rgba.colour, [](int x, int y, int c) {
+          return sample16(x, y, c) / 65535.0 * (sample16(x, y, 3) / 65535.0);
+        }) < 2e-7);
+  const Photo grey = slide::read_photo(data("grey_alpha_8.png"));
+  CHECK(largest_error(grey.colour, [](int x, int y, int) {
+          return sample8(x, y, 0) / 255.0 * (sample8(x, y, 1) / 255.0);
+        }) < 2e-7);
+}
+
+TEST_CASE("A palette with transparent entries is resolved") {
+  const Photo photo = slide::read_photo(data("palette_4.png"));
+  check_size(photo.colour, 9, 7, 3);
+  const auto entry = [](int x, int y) { return (3 * x + 5 * y) % 16; };
+  const auto alpha = [&](int x, int y) {
+    return entry(x, y) == 0 ? 0.0 : entry(x, y) == 1 ? 128 / 255.0 : 1.0;
+  };
+  CHECK(largest_error(photo.alpha, [&](int x, int y, int) { return alpha(x, y); }) < 1e-7);
+  CHECK(largest_error(photo.colour, [&](int x, int y, int c) {
+          const int i = entry(x, y);
+          const int colour = c == 0 ? i * 16 % 256 : c == 1 ? (255 - i * 16) % 256 : i * 7 % 256;
+          return colour / 255.0 * alpha(x, y);
+        }) < 2e-7);
+}
+
+TEST_CASE("A PFM of either byte order is read from the bottom up") {
+  const TemporaryFolder folder;
+  // 2×2, bottom row 1.5, -2; top row 0.25, 3e8.
+  const std::string little =
+      std::string("Pf\n2 2\n-1.0\n") + std::string("\0\0\xC0\x3F\0\0\0\xC0\0\0\x80\x3E\xA3\xC4\x8F\x4D", 16);
+  const std::string big =
+      std::string("Pf\n2 2\n1.0\n") + std::string("\x3F\xC0\0\0\xC0\0\0\0\x3E\x80\0\0\x4D\x8F\xC4\xA3", 16);
+  for (const std::string& text : {little, big}) {
+    std::ofstream(folder.file("map.pfm"), std::ios::binary) << text;
+    const Image map = slide::read_map(folder.file("map.pfm"));
+    check_size(map, 2, 2, 1);
+    CHECK(map.at(0, 0) == 0.25F);
+    CHECK(map.at(1, 0) == 301503584.0F);
+    CHECK(map.at(0, 1) == 1.5F);
+    CHECK(map.at(1, 1) == -2.0F);
+  }
+}
+
+TEST_CASE("The first NaN or infinite pixel of a map is named") {
+  const TemporaryFolder folder;
+  Image map(5, 4, 1, 0.5F);
+  map.at(3, 3) = std::numeric_limits<float>::quiet_NaN();
+  map.at(4, 1) = -std::numeric_limits<float>::infinity();
+  slide::write_pfm(folder.file("m.pfm"), map);
+  const auto read = [&] { static_cast<void>(slide::read_map(folder.file("m.pfm"))); };
+  std::string message = message_of(read);
+  CHECK(contains(message, "m.pfm"));
+  CHECK(contains(message, "(4, 1)"));
+  CHECK(contains(message, "infinite"));
+  map.at(0, 0) = std::numeric_limits<float>::quiet_NaN();
+  slide::write_pfm(folder.file("m.pfm"), map);
+  message = message_of(read);
+  CHECK(contains(message, "(0, 0)"));
+  CHECK(contains(message, "NaN"));
+}
+
+TEST_CASE("A colour image is no map, three equal channels are") {
+  CHECK(contains(message_of([] { static_cast<void>(slide::read_map(data("rgb_8.png"))); }), "colour"));
+  const TemporaryFolder folder;
+  Image grey(4, 3, 3);
+  for (std::size_t i = 0; i < grey.data.size(); ++i) grey.data[i] = static_cast<float>(i / 3 * 20) / 255.0F;
+  slide::write_png(folder.file("g.png"), grey);
+  const Image map = slide::read_map(folder.file("g.png"));
+  check_size(map, 4, 3, 1);
+  CHECK(map.at(3, 2) == 220 / 255.0F);
+}
+
+TEST_CASE("The type is found from the content, not from the name") {
+  const TemporaryFolder folder;
+  const std::vector<std::uint8_t> bytes = slide::read_file(data("rgb_8.png"));
+  slide::write_bytes(folder.file("photo.jpg"), bytes);
+  CHECK(slide::read_photo(folder.file("photo.jpg")).colour.width == 9);
+}
+
+TEST_CASE("What is no image, no file or too large is refused by name") {
+  const TemporaryFolder folder;
+  CHECK(contains(message_of([&] { static_cast<void>(slide::read_photo(folder.file("none.jpg"))); }),
+                 "none.jpg"));
+  CHECK(contains(message_of([&] { static_cast<void>(slide::read_photo(folder.file(""))); }), "directory"));
+  std::ofstream(folder.file("empty.png")).close();
+  CHECK(
+      contains(message_of([&] { static_cast<void>(slide::read_photo(folder.file("empty.png"))); }), "empty"));
+  std::ofstream(folder.file("text.png")) << "This is a text, not a picture.\n";
+  const std::string message =
+      message_of([&] { static_cast<void>(slide::read_photo(folder.file("text.png"))); });
+  CHECK(contains(message, "text.png"));
+  // A header that promises 100000 × 7 pixels; its CRC is right.
+  std::vector<std::uint8_t> wide = slide::read_file(data("rgb_8.png"));
+  const std::vector<std::uint8_t> header = {0x00, 0x01, 0x86, 0xA0, 0,    0,    0,    7,   8,
+                                            2,    0,    0,    0,    0x04, 0x45, 0x62, 0x9F};
+  std::copy(header.begin(), header.end(), wide.begin() + 16);
+  CHECK(contains(message_of([&] { static_cast<void>(slide::decode_photo(wide, "wide.png")); }),
+                 "wide.png is 100000 x 7"));
+  CHECK_NOTHROW(slide::check_image_size(30000, 8947, "x"));
+  CHECK(contains(message_of([] { slide::check_image_size(30001, 1, "x"); }), "30001 x 1"));
+  CHECK(contains(message_of([] { slide::check_image_size(30000, 8948, "x"); }), "30000 x 8948"));
+  CHECK(contains(message_of([] { slide::check_image_size(0, 1, "x"); }), "no pixels"));
+}
+
+TEST_CASE("Every shortened file is an error, at every length") {
+  for (const char* name : {"orientation_6.jpg", "progressive.jpg", "rgb_16_interlaced.png", "palette_4.png",
+                           "orientation_8.png"}) {
+    CAPTURE(name);
+    const std::vector<std::uint8_t> bytes = slide::read_file(data(name));
+    for (std::size_t length = 0; length < bytes.size(); ++length) {
+      CAPTURE(length);
+      const std::span<const std::uint8_t> part = std::span(bytes).first(length);
+      CHECK_THROWS_AS(static_cast<void>(slide::decode_photo(part, name)), slide::Error);
+    }
+  }
+  Image map(3, 2, 1, 0.5F);
+  const std::vector<std::uint8_t> pfm = slide::encode_pfm(map);
+  for (std::size_t length = 0; length < pfm.size(); ++length) {
+    CHECK_THROWS_AS(static_cast<void>(slide::decode_map(std::span(pfm).first(length), "m")), slide::Error);
+  }
+}
+
+TEST_CASE("A flipped bit anywhere gives a picture of allowed size or an error, nothing else") {
+  for (const char* name : {"orientation_5.jpg", "focal_plane.jpg", "progressive.jpg", "rgb_16_interlaced.png",
+                           "palette_4.png", "orientation_8.png"}) {
+    CAPTURE(name);
+    const std::vector<std::uint8_t> original = slide::read_file(data(name));
+    int refused = 0;
+    for (std::size_t bit = 0; bit < 8 * original.size(); ++bit) {
+      std::vector<std::uint8_t> bytes = original;
+      bytes[bit / 8] = static_cast<std::uint8_t>(bytes[bit / 8] ^ 1U << bit % 8);
+      try {
+        const Photo photo = slide::decode_photo(bytes, name);
+        CHECK(photo.colour.width <= slide::kMaxImageSide);
+      } catch (const slide::Error&) {
+        ++refused;
+      }
+    }
+    CHECK(refused > 0);
+  }
+}
+
+TEST_CASE("Damage in EXIF never fails") {
+  const std::vector<std::uint8_t> original = slide::read_file(data("focal_plane.jpg"));
+  const std::string mark = "Exif";
+  const auto found = std::search(original.begin(), original.end(), mark.begin(), mark.end());
+  REQUIRE(found != original.end());
+  const std::vector<std::uint8_t> block(found + 6, found + 6 + 140);
+  CHECK(slide::parse_exif(block).focal_length_mm == 5.0);
+  for (std::size_t length = 0; length <= block.size(); ++length) {
+    const std::vector<std::uint8_t> part(block.begin(), block.begin() + static_cast<std::ptrdiff_t>(length));
+    CHECK(slide::parse_exif(part).orientation == 1);
+  }
+  for (std::size_t bit = 0; bit < 8 * block.size(); ++bit) {
+    std::vector<std::uint8_t> bytes = block;
+    bytes[bit / 8] = static_cast<std::uint8_t>(bytes[bit / 8] ^ 1U << bit % 8);
+    const slide::Exif exif = slide::parse_exif(bytes);
+    CHECK(exif.orientation >= 1);
+    CHECK(exif.orientation <= 8);
+  }
+}
+
+TEST_CASE("EXR is read and written in the full build, and named as missing in others") {
+  const TemporaryFolder folder;
+  Image map(5, 3, 1);
+  for (std::size_t i = 0; i < map.data.size(); ++i) map.data[i] = static_cast<float>(i) * 1.7F - 3;
+  if (!slide::has_openimageio()) {
+    CHECK(contains(message_of([&] { slide::write_exr(folder.file("m.exr"), map); }, slide::ErrorKind::kUsage),
+                   "OpenEXR"));
+    const std::vector<std::uint8_t> exr_magic = {0x76, 0x2F, 0x31, 0x01, 2, 0, 0, 0};
+    slide::write_bytes(folder.file("m.exr"), exr_magic);
+    CHECK(contains(message_of([&] { static_cast<void>(slide::read_map(folder.file("m.exr"))); }),
+                   "SLIDE_OPENIMAGEIO"));
+    return;
+  }
+  slide::write_exr(folder.file("m.exr"), map);
+  const Image read = slide::read_map(folder.file("m.exr"));
+  check_size(read, 5, 3, 1);
+  CHECK(read.data == map.data);
+  map.at(2, 1) = std::numeric_limits<float>::quiet_NaN();
+  slide::write_exr(folder.file("m.exr"), map);
+  CHECK(contains(message_of([&] { static_cast<void>(slide::read_map(folder.file("m.exr"))); }), "(2, 1)"));
+  // Linear light in a photo becomes sRGB: 0.214 is the middle of the encoded range.
+  slide::write_exr(folder.file("p.exr"), Image(2, 2, 3, 0.21404114F));
+  CHECK(slide::read_photo(folder.file("p.exr")).colour.at(1, 1, 2) == doctest::Approx(0.5).epsilon(1e-5));
+  slide::write_bytes(folder.file("bad.exr"), std::vector<std::uint8_t>{0x76, 0x2F, 0x31, 0x01, 2, 0, 0, 0});
+  CHECK(contains(message_of([&] { static_cast<void>(slide::read_map(folder.file("bad.exr"))); }), "bad.exr"));
+}

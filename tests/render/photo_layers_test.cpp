@@ -1,0 +1,71 @@
+#include "render/photo_layers.h"
+
+#include <doctest/doctest.h>
+
+#include <limits>
+
+#include "runtime/error.h"
+
+using namespace slide;
+
+namespace {
+
+Image numbered(int width, int height, int channels) {
+  Image image(width, height, channels);
+  for (std::size_t i = 0; i < image.data.size(); ++i) image.data[i] = static_cast<float>(i);
+  return image;
+}
+
+}  // namespace
+
+TEST_CASE("an image survives the way to a tensor and back, and channels become planes") {
+  const Image image = numbered(5, 4, 3);
+  const Tensor t = tensor_from_image(image);
+  CHECK(t.shape() == Shape{1, 3, 4, 5});
+  CHECK(t.data<float>()[20] == 1.0F);  // channel 1 of pixel 0
+  CHECK(image_from_tensor(t).data == image.data);
+}
+
+TEST_CASE(
+    "shrinking averages the covered area: a mean is kept, a constant stays, a half-covered pixel counts "
+    "half") {
+  const Image image = numbered(6, 4, 1);
+  const Image half = shrink_to(image, 3);
+  REQUIRE((half.width == 3 && half.height == 2));
+  CHECK(half.at(0, 0) == doctest::Approx((0 + 1 + 6 + 7) / 4.0));
+  Image row(3, 1, 1);
+  row.data = {0, 1, 4};
+  const Image two = shrink_to(row, 2);
+  CHECK(two.at(0, 0) == doctest::Approx((0 + 0.5 * 1) / 1.5));
+  CHECK(two.at(1, 0) == doctest::Approx((0.5 * 1 + 4) / 1.5));
+  CHECK(shrink_to(image, 6).data == image.data);
+}
+
+TEST_CASE("depth becomes its inverse, and a depth of zero is refused with its place") {
+  Image depth(2, 2, 1, 4.0F);
+  depth.at(1, 0) = 2;
+  const Tensor disparity = disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png");
+  CHECK(disparity.data<float>()[0] == 0.25F);
+  CHECK(disparity.data<float>()[1] == 0.5F);
+  depth.at(0, 1) = 0;
+  CHECK_THROWS_WITH_AS((void)disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png"),
+                       doctest::Contains("depth.png: the depth at pixel (0, 1)"), Error);
+  depth.at(0, 1) = std::numeric_limits<float>::quiet_NaN();
+  CHECK_THROWS_AS((void)disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png"), Error);
+}
+
+TEST_CASE("a map of another size is resampled at half-pixel centres, one of another shape is refused") {
+  Image ramp(8, 4, 1);
+  for (int y = 0; y < 4; ++y)
+    for (int x = 0; x < 8; ++x) ramp.at(x, y) = static_cast<float>(x);
+  const Tensor twice = disparity_from_map(ramp, DepthKind::kDisparity, 16, 8, "d.pfm");
+  for (std::size_t x = 1; x < 15; ++x)
+    CHECK(twice.data<float>()[x] == doctest::Approx((static_cast<double>(x) + 0.5) / 2 - 0.5));
+  CHECK_THROWS_WITH_AS((void)disparity_from_map(ramp, DepthKind::kDisparity, 16, 16, "d.pfm"),
+                       doctest::Contains("d.pfm has 8x4 pixels"), Error);
+}
+
+TEST_CASE("names of depth kinds") {
+  CHECK(depth_kind("depth") == DepthKind::kDepth);
+  CHECK_THROWS_AS((void)depth_kind("deep"), Error);
+}
