@@ -46,7 +46,7 @@ std::string ConeDilationOp::attributes() const {
 Shape ConeDilationOp::infer(std::span<const Shape> inputs) const {
   require_input_count("cone_dilation", inputs, 1, 1);
   const Nchw in = nchw(inputs[0]);
-  require(std::isfinite(rho_) && rho_ >= 0, "rho is " + number_text(rho_));
+  require(rho_ >= 0 && rho_ <= std::numeric_limits<float>::max(), "rho is " + number_text(rho_));
   require_at_least("radius", radius_, 0);
   require(std::max(in.h, in.w) <= std::int64_t{1} << 24, "the image " + inputs[0].text() + " is too large");
   return inputs[0];

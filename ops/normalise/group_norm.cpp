@@ -22,6 +22,13 @@ Moments moments(const double* x, std::int64_t count) {
   return {mean, squares / n};
 }
 
+/// The part of an error scale that float64 statistics of n elements are given: summed in another order, mean
+/// and deviation differ by n · 2^-53 = n · 2^-29 · u, relative to the mean magnitude, which is at most |mean|
+/// plus the standard deviation. `inverse` is 1 / sqrt(var + eps).
+double statistics_scale(const Moments& m, double inverse, std::int64_t n) {
+  return static_cast<double>(n) * 0x1p-29 * (std::fabs(m.mean) * inverse + 1);
+}
+
 /// Calls f(element, channel, moments of its group) for every element.
 template <typename F>
 void for_groups(const Tensor& input, std::int64_t groups, F f) {
@@ -64,15 +71,16 @@ void GroupNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   });
 }
 
-/// |weight| / sqrt(var + eps) · (|x| + |mean|) + |bias|, as for batch norm: the kernels compute mean and
-/// variance in float64, whose error does not count beside this.
+/// |weight| · (|x| + |mean|) / sqrt(var + eps) + |bias|, as for batch norm, and what the statistics add.
 void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
   const double* x = f64(inputs[0]);
   const double* weight = f64(inputs[1]);
   const double* bias = f64(inputs[2]);
   double* s = f64(scale);
+  const std::int64_t count = inputs[0].count() / inputs[0].shape()[0] / groups_;
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
-    const double size = (std::fabs(x[i]) + std::fabs(m.mean)) / std::sqrt(m.variance + eps_);
+    const double inverse = 1 / std::sqrt(m.variance + eps_);
+    const double size = (std::fabs(x[i]) + std::fabs(m.mean)) * inverse + statistics_scale(m, inverse, count);
     s[i] = size * std::fabs(weight[c]) + std::fabs(bias[c]);
   });
 }
@@ -98,7 +106,7 @@ void WeightStandardiseOp::reference(std::span<const Tensor> inputs, Tensor& outp
   });
 }
 
-/// (|w| + |mean|) / sqrt(var + eps).
+/// (|w| + |mean|) / sqrt(var + eps), and what the statistics add.
 void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tensor& output,
                                       Tensor& scale) const {
   const std::int64_t filters = output.shape()[0];
@@ -107,8 +115,9 @@ void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tens
   double* s = f64(scale);
   for (std::int64_t filter = 0; filter < filters; ++filter) {
     const Moments m = moments(w + filter * count, count);
+    const double inverse = 1 / std::sqrt(m.variance + eps_);
     for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
-      s[i] = (std::fabs(w[i]) + std::fabs(m.mean)) / std::sqrt(m.variance + eps_);
+      s[i] = (std::fabs(w[i]) + std::fabs(m.mean)) * inverse + statistics_scale(m, inverse, count);
   }
 }
 

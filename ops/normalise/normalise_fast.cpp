@@ -1,10 +1,205 @@
+// Statistics are computed in float64 and become one scale and one shift a channel, rounded to float32; the
+// elements then take one multiplication and one addition. Rounding the scale, the product and the sum makes
+// three roundings, relative to the error scale |scale|·(|x| + |mean|) + |bias|.
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "ops/common/elements.h"
+#include "ops/common/level_kernel.h"
 #include "ops/normalise/normalise_ops.h"
+#include "ops/pointwise/binary_op.h"
+#include "ops/pointwise/pointwise_routines.h"
+#include "ops/pointwise/unary_op.h"
+#include "ops/reduce/reduce_routines.h"
 
 namespace slide::ops {
+namespace {
 
-std::span<const Kernel* const> BatchNormOp::kernels() const { return {}; }
-std::span<const Kernel* const> GroupNormOp::kernels() const { return {}; }
-std::span<const Kernel* const> WeightStandardiseOp::kernels() const { return {}; }
-std::span<const Kernel* const> MinMaxNormaliseOp::kernels() const { return {}; }
+/// The routines that normalisation borrows from other families.
+struct NormaliseRoutines {
+  Isa isa;
+  const PointwiseRoutines* pointwise;
+  const ReduceRoutines* reduce;
+
+  /// y = scale · x + shift.
+  void affine(const float* x, float* y, std::int64_t count, double scale, double shift) const {
+    pointwise->unary[static_cast<std::size_t>(UnaryKind::kAffine)](
+        x, y, static_cast<std::size_t>(count), static_cast<float>(scale), static_cast<float>(shift));
+  }
+};
+
+std::span<const NormaliseRoutines* const> normalise_routines() {
+  static const std::vector<NormaliseRoutines> levels = [] {
+    std::vector<NormaliseRoutines> all;
+    for (std::size_t i = 0; i < pointwise_routines().size(); ++i)
+      all.push_back({pointwise_routines()[i]->isa, pointwise_routines()[i], reduce_routines()[i]});
+    return all;
+  }();
+  static const std::vector<const NormaliseRoutines*> pointers = [] {
+    std::vector<const NormaliseRoutines*> all;
+    for (const NormaliseRoutines& r : levels) all.push_back(&r);
+    return all;
+  }();
+  return pointers;
+}
+
+constexpr int kAffineRoundings = 3;
+
+class BatchNormKernel : public LevelKernel<BatchNormOp, NormaliseRoutines> {
+ public:
+  using LevelKernel::LevelKernel;
+
+ private:
+  [[nodiscard]] double factor(const BatchNormOp& /*op*/, std::span<const Shape> /*inputs*/) const override {
+    return rounding_factor(kAffineRoundings);
+  }
+  void compute(const BatchNormOp& op, std::span<const Tensor> inputs, Tensor& output,
+               std::span<std::byte> /*scratch*/) const override {
+    const AxisView view = axis_view(output.shape(), 1);
+    const float* x = f32(inputs[0]);
+    float* y = f32(output);
+    for_ranges(view.outer * view.axis, 1, [&](std::int64_t plane, std::int64_t) {
+      const auto c = static_cast<std::size_t>(plane % view.axis);
+      const auto value = [&](std::size_t input) {
+        return static_cast<double>(inputs[input].data<float>()[c]);
+      };
+      const double scale = value(1) / std::sqrt(value(4) + op.eps());
+      routines().affine(x + plane * view.inner, y + plane * view.inner, view.inner, scale,
+                        value(2) - value(3) * scale);
+    });
+  }
+};
+
+/// Mean and 1 / sqrt(variance + eps) of an array.
+struct Statistics {
+  double mean, inverse;
+};
+
+Statistics statistics(const ReduceRoutines& reduce, const float* x, std::int64_t count, double eps) {
+  const auto n = static_cast<std::size_t>(count);
+  const double mean = reduce.sum(x, n) / static_cast<double>(count);
+  const double variance = reduce.squares(x, n, mean) / static_cast<double>(count);
+  return {mean, 1 / std::sqrt(variance + eps)};
+}
+
+class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
+ public:
+  using LevelKernel::LevelKernel;
+
+ private:
+  [[nodiscard]] double factor(const GroupNormOp& /*op*/, std::span<const Shape> /*inputs*/) const override {
+    return rounding_factor(kAffineRoundings);
+  }
+  void compute(const GroupNormOp& op, std::span<const Tensor> inputs, Tensor& output,
+               std::span<std::byte> /*scratch*/) const override {
+    const Nchw in = nchw(output.shape());
+    const std::int64_t channels = in.c / op.groups();
+    const std::int64_t count = channels * in.plane();
+    const float* x = f32(inputs[0]);
+    const float* weight = f32(inputs[1]);
+    const float* bias = f32(inputs[2]);
+    float* y = f32(output);
+    for_ranges(in.n * op.groups(), 1, [&](std::int64_t group, std::int64_t) {
+      const Statistics s = statistics(*routines().reduce, x + group * count, count, op.eps());
+      for (std::int64_t k = 0; k < channels; ++k) {
+        const std::int64_t c = group % op.groups() * channels + k;
+        const double scale = static_cast<double>(weight[c]) * s.inverse;
+        const std::int64_t at = group * count + k * in.plane();
+        routines().affine(x + at, y + at, in.plane(), scale, static_cast<double>(bias[c]) - s.mean * scale);
+      }
+    });
+  }
+};
+
+class WeightStandardiseKernel : public LevelKernel<WeightStandardiseOp, NormaliseRoutines> {
+ public:
+  using LevelKernel::LevelKernel;
+
+ private:
+  [[nodiscard]] double factor(const WeightStandardiseOp& /*op*/,
+                              std::span<const Shape> /*inputs*/) const override {
+    return rounding_factor(kAffineRoundings);
+  }
+  void compute(const WeightStandardiseOp& op, std::span<const Tensor> inputs, Tensor& output,
+               std::span<std::byte> /*scratch*/) const override {
+    const std::int64_t filters = output.shape()[0];
+    const std::int64_t count = output.count() / filters;
+    const float* x = f32(inputs[0]);
+    float* y = f32(output);
+    for_ranges(filters, 1, [&](std::int64_t filter, std::int64_t) {
+      const Statistics s = statistics(*routines().reduce, x + filter * count, count, op.eps());
+      routines().affine(x + filter * count, y + filter * count, count, s.inverse, -s.mean * s.inverse);
+    });
+  }
+};
+
+class MinMaxNormaliseKernel : public LevelKernel<MinMaxNormaliseOp, NormaliseRoutines> {
+ public:
+  using LevelKernel::LevelKernel;
+
+ private:
+  /// Numerator, denominator and quotient are rounded.
+  [[nodiscard]] double factor(const MinMaxNormaliseOp& /*op*/,
+                              std::span<const Shape> /*inputs*/) const override {
+    return rounding_factor(3);
+  }
+  void compute(const MinMaxNormaliseOp& /*op*/, std::span<const Tensor> inputs, Tensor& output,
+               std::span<std::byte> /*scratch*/) const override {
+    const float* x = f32(inputs[0]);
+    float* y = f32(output);
+    const std::int64_t n = output.count();
+    std::vector<float> least(static_cast<std::size_t>((n + kElementGrain - 1) / kElementGrain));
+    std::vector<float> largest(least.size());
+    for_ranges(n, kElementGrain, [&](std::int64_t begin, std::int64_t end) {
+      const auto block = static_cast<std::size_t>(begin / kElementGrain);
+      least[block] = routines().reduce->minimum(x + begin, static_cast<std::size_t>(end - begin));
+      largest[block] = routines().reduce->maximum(x + begin, static_cast<std::size_t>(end - begin));
+    });
+    const float low = routines().reduce->minimum(least.data(), least.size());
+    const float high = routines().reduce->maximum(largest.data(), largest.size());
+    const float range = high - low;
+    const auto sub = routines().pointwise->binary[static_cast<std::size_t>(BinaryKind::kSub)];
+    const auto div = routines().pointwise->binary[static_cast<std::size_t>(BinaryKind::kDiv)];
+    for_ranges(n, kElementGrain, [&](std::int64_t begin, std::int64_t end) {
+      const auto count = static_cast<std::size_t>(end - begin);
+      if (!std::isfinite(low) || !std::isfinite(high)) {
+        std::fill(y + begin, y + end, std::numeric_limits<float>::quiet_NaN());
+      } else if (without_relief(static_cast<double>(low), static_cast<double>(high))) {
+        std::fill(y + begin, y + end, 0.0F);
+      } else {
+        sub(x + begin, 1, &low, 0, y + begin, count);
+        div(y + begin, 1, &range, 0, y + begin, count);
+      }
+    });
+  }
+};
+
+}  // namespace
+
+std::span<const Kernel* const> BatchNormOp::kernels() const {
+  static const KernelList<BatchNormKernel, NormaliseRoutines> list("batch_norm.affine", normalise_routines());
+  return list.all();
+}
+
+std::span<const Kernel* const> GroupNormOp::kernels() const {
+  static const KernelList<GroupNormKernel, NormaliseRoutines> list("group_norm.two_pass",
+                                                                   normalise_routines());
+  return list.all();
+}
+
+std::span<const Kernel* const> WeightStandardiseOp::kernels() const {
+  static const KernelList<WeightStandardiseKernel, NormaliseRoutines> list("weight_standardise.two_pass",
+                                                                           normalise_routines());
+  return list.all();
+}
+
+std::span<const Kernel* const> MinMaxNormaliseOp::kernels() const {
+  static const KernelList<MinMaxNormaliseKernel, NormaliseRoutines> list("min_max_normalise.two_pass",
+                                                                         normalise_routines());
+  return list.all();
+}
 
 }  // namespace slide::ops

@@ -1,5 +1,6 @@
 #include <array>
 #include <cmath>
+#include <limits>
 
 #include "ops/common/elements.h"
 #include "ops/pointwise/pointwise.h"
@@ -68,8 +69,9 @@ Shape UnaryOp::infer(std::span<const Shape> inputs) const {
   else if (kind_ == UnaryKind::kGreater)
     require(!std::isnan(a_), "greater was given NaN as its threshold");
   else
-    require(std::isfinite(a_) && std::isfinite(b_),
-            std::string(type()) + " was given an attribute that is not finite: " + attributes());
+    require(std::fabs(a_) <= std::numeric_limits<float>::max() &&
+                std::fabs(b_) <= std::numeric_limits<float>::max(),
+            std::string(type()) + " was given an attribute beyond the range of float32: " + attributes());
   return inputs[0];
 }
 

@@ -1,7 +1,79 @@
+#include <cmath>
+#include <limits>
+
+#include "ops/common/elements.h"
+#include "ops/common/level_kernel.h"
+#include "ops/pointwise/pointwise_routines.h"
 #include "ops/pointwise/unary_op.h"
 
 namespace slide::ops {
+namespace {
 
-std::span<const Kernel* const> UnaryOp::kernels() const { return {}; }
+/// The attribute rounded to float32, infinite beyond its range.
+float rounded(double value) {
+  constexpr double kMost = std::numeric_limits<float>::max();
+  if (std::fabs(value) > kMost)
+    return std::copysign(std::numeric_limits<float>::infinity(), static_cast<float>(value > 0 ? 1 : -1));
+  return static_cast<float>(value);
+}
+
+/// The largest float32 not above `value`, so that comparing a float32 number with it is comparing it with
+/// `value`.
+float rounded_down(double value) {
+  const float nearest = rounded(value);
+  if (static_cast<double>(nearest) <= value) return nearest;
+  return std::nextafter(nearest, -std::numeric_limits<float>::infinity());
+}
+
+class UnaryKernel : public LevelKernel<UnaryOp, PointwiseRoutines> {
+ public:
+  using LevelKernel::LevelKernel;
+
+ private:
+  /// The elementary functions' bounds are those of ops/simd/math.h, 1 ULP being at most 2·u relative to the
+  /// result; each multiplication, addition and rounded attribute is one more u.
+  [[nodiscard]] double factor(const UnaryOp& op, std::span<const Shape> /*inputs*/) const override {
+    switch (op.kind()) {
+      case UnaryKind::kRelu:
+      case UnaryKind::kRelu6:
+      case UnaryKind::kAbs:
+      case UnaryKind::kGreater:
+        return 0;
+      case UnaryKind::kClip:
+      case UnaryKind::kSqrt:
+        return 1;
+      case UnaryKind::kLeakyRelu:
+      case UnaryKind::kExp:
+        return rounding_factor(2);
+      case UnaryKind::kAffine:
+        return rounding_factor(3);
+      case UnaryKind::kElu:
+      case UnaryKind::kSigmoid:
+        return rounding_factor(6);
+      case UnaryKind::kTanh:
+        return rounding_factor(8);
+    }
+    return 0;
+  }
+
+  void compute(const UnaryOp& op, std::span<const Tensor> inputs, Tensor& output,
+               std::span<std::byte> /*scratch*/) const override {
+    const PointwiseRoutines::Unary f = routines().unary[static_cast<std::size_t>(op.kind())];
+    const float a = op.kind() == UnaryKind::kGreater ? rounded_down(op.a()) : rounded(op.a());
+    const float b = rounded(op.b());
+    const float* x = f32(inputs[0]);
+    float* y = f32(output);
+    for_ranges(output.count(), kElementGrain, [&](std::int64_t begin, std::int64_t end) {
+      f(x + begin, y + begin, static_cast<std::size_t>(end - begin), a, b);
+    });
+  }
+};
+
+}  // namespace
+
+std::span<const Kernel* const> UnaryOp::kernels() const {
+  static const KernelList<UnaryKernel, PointwiseRoutines> list("pointwise.unary", pointwise_routines());
+  return list.all();
+}
 
 }  // namespace slide::ops

@@ -213,7 +213,8 @@ SLIDE_INLINE Vec<W> with_sign(Vec<W> x, Vec<W> sign) {
 template <int W>
 SLIDE_INLINE Vec<W> sqrt(Vec<W> x) {
 #if defined(__AVX512F__)
-  if constexpr (W == 16) return {_mm512_sqrt_ps(x.v)};
+  if constexpr (W == 16)
+    return {_mm512_maskz_sqrt_ps(static_cast<__mmask16>(0xFFFF), x.v)};  // GCC 12 warns of the plain one
 #endif
 #if defined(__AVX2__)
   if constexpr (W == 8) return {_mm256_sqrt_ps(x.v)};

@@ -1,0 +1,24 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "runtime/cpu.h"
+
+namespace slide::ops {
+
+/// The loops of resampling, for one instruction-set level. There are 1, 2 or 4 taps; at 1 the weight is 1.
+struct ResizeRoutines {
+  Isa isa;
+  /// y[j] = sum over k of weight[k·count + j] · x[index[k·count + j]]
+  void (*along_row)(const float* x, const std::int32_t* index, const float* weight, int taps, float* y,
+                    std::size_t count);
+  /// y[j] = sum over k of weight[k] · row[k][j]
+  void (*across_rows)(const float* const* rows, const float* weight, int taps, float* y, std::size_t count);
+};
+
+/// Those of every level of this build, best first.
+[[nodiscard]] std::span<const ResizeRoutines* const> resize_routines();
+
+}  // namespace slide::ops
