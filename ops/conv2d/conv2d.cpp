@@ -53,8 +53,6 @@ double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const 
          static_cast<double>(conv2d_geometry(type(), inputs, params_).depth());
 }
 
-std::span<const Kernel* const> Conv2dOp::kernels() const { return {}; }
-
 Value conv2d(Value x, Value weight, std::optional<Value> bias, const Conv2dParams& params) {
   std::vector<Value> inputs{x, weight};
   if (bias) inputs.push_back(*bias);

@@ -71,13 +71,11 @@ void GatedConv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& ou
   const std::span<double> s = scale.mutable_data<double>();
   for_each_image(g, [&](std::size_t feature, std::size_t gate, std::size_t i) {
     const double open = std::exp(std::min(0.0, log_sigmoid(conv[gate]) + conv_scale[gate] / 64));
-    s[i] = conv_scale[feature] * open +
-           std::fabs(elu(conv[feature])) * conv_scale[gate] * std::min(0.25, open) + std::fabs(y[i]) +
-           0x1p-102;
+    const double feature_size = std::fabs(elu(conv[feature]));
+    s[i] = conv_scale[feature] * open + feature_size * conv_scale[gate] * std::min(0.25, open) +
+           std::fabs(y[i]) + 0x1p-102 * (1 + feature_size);
   });
 }
-
-std::span<const Kernel* const> GatedConv2dOp::kernels() const { return {}; }
 
 Value gated_conv2d(Value x, Value weight, std::optional<Value> bias, const Conv2dParams& params) {
   std::vector<Value> inputs{x, weight};
