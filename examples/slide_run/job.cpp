@@ -35,17 +35,17 @@ class Job {
     const Photo photo = read_photo(input_);
     report_.photo_width = photo.colour.width;
     report_.photo_height = photo.colour.height;
-    colour_ = shrink_to(photo.colour, options_.max_side);
-    report_.width = colour_.width;
-    report_.height = colour_.height;
+    const Image colour = shrink_to(photo.colour, options_.max_side);
+    report_.width = colour.width;
+    report_.height = colour.height;
     choose_camera(photo);
-    tensors_.image = tensor_from_image(colour_);
+    tensors_.image = tensor_from_image(colour);
     if (!options_.depth.empty())
       tensors_.disparity = disparity_from_map(read_map(options_.depth), depth_kind(options_.depth_kind),
-                                              colour_.width, colour_.height, options_.depth);
+                                              report_.width, report_.height, options_.depth);
     if (options_.matte != "none" && options_.matte != "auto")
       tensors_.matte =
-          matte_from_map(read_map(options_.matte), colour_.width, colour_.height, options_.matte);
+          matte_from_map(read_map(options_.matte), report_.width, report_.height, options_.matte);
     report_.depth_origin =
         options_.depth.empty() ? models_.describe(models_.choices().depth) : options_.depth;
     report_.inpaint_origin = models_.describe(models_.choices().inpaint);
@@ -54,8 +54,9 @@ class Job {
   /// Refuses what needs more memory than allowed, before any work.
   void check_memory() {
     const std::size_t limit = options_.max_memory.empty() ? 0 : parse_bytes(options_.max_memory);
-    report_.planned_memory =
-        planned_memory(report_.height, report_.width, models_.choices(), tensors_, slide_options());
+    report_.planned_memory = planned_memory(
+        static_cast<std::size_t>(report_.photo_width) * static_cast<std::size_t>(report_.photo_height),
+        report_.height, report_.width, models_.choices(), tensors_, slide_options());
     if (limit != 0 && report_.planned_memory > limit)
       throw Error(ErrorKind::kOutOfMemory,
                   input_ + ": " + std::to_string(report_.width) + "x" + std::to_string(report_.height) +
@@ -73,22 +74,14 @@ class Job {
     report_.slide = made_.report;
     for (const graphs::StageReport& stage : made_.report.stages) report_.stages.push_back(stage);
     layers_ = layers_from(made_);
+    tensors_ = {};
   }
 
+  /// Writes the maps and masks if they are asked for, and lets them go: what follows needs the two layers
+  /// only.
   void write_side_outputs() {
-    if (!options_.layers.empty()) {
-      const Timer timer(*this, "writing layers");
-      for (const std::string& file : write_maps(options_.layers, made_)) report_.outputs.push_back(file);
-    }
-    if (options_.dump_masks.empty()) return;
-    const Timer timer(*this, "writing masks");
-    std::error_code failure;
-    fs::create_directories(options_.dump_masks, failure);
-    const std::string stem = options_.dump_masks + "/" + fs::path(input_).stem().string();
-    write_png(report_.outputs.emplace_back(stem + ".occlusion.png"),
-              occlusion_mask(image_from_tensor(made_.occlusion)));
-    write_png(report_.outputs.emplace_back(stem + ".strokes.png"),
-              stroke_mask(report_.width, report_.height, seed()));
+    write_maps_and_masks();
+    made_ = {};
   }
 
   void write(const std::string& output) {
@@ -109,6 +102,22 @@ class Job {
   }
 
  private:
+  void write_maps_and_masks() {
+    if (!options_.layers.empty()) {
+      const Timer timer(*this, "writing layers");
+      for (const std::string& file : write_maps(options_.layers, made_)) report_.outputs.push_back(file);
+    }
+    if (options_.dump_masks.empty()) return;
+    const Timer timer(*this, "writing masks");
+    std::error_code failure;
+    fs::create_directories(options_.dump_masks, failure);
+    const std::string stem = options_.dump_masks + "/" + fs::path(input_).stem().string();
+    write_png(report_.outputs.emplace_back(stem + ".occlusion.png"),
+              occlusion_mask(image_from_tensor(made_.occlusion)));
+    write_png(report_.outputs.emplace_back(stem + ".strokes.png"),
+              stroke_mask(report_.width, report_.height, seed()));
+  }
+
   /// Adds a stage to the report when it ends.
   class Timer {
    public:
@@ -134,7 +143,7 @@ class Job {
     report_.fov_origin = options_.fov ? "--fov" : photo.horizontal_fov ? "EXIF" : "default";
     report_.fov = std::clamp(report_.fov, 1.0, 170.0);
     camera_ =
-        make_camera(colour_.width, colour_.height, report_.fov, options_.near_depth, options_.far_depth);
+        make_camera(report_.width, report_.height, report_.fov, options_.near_depth, options_.far_depth);
     views_ = lower_extension(options_.path) == ".json"
                  ? read_pose_file(options_.path)
                  : make_path(camera_, path_options(path_kind(options_.path)));
@@ -225,7 +234,6 @@ class Job {
   const Models& models_;
   const Meter& meter_;
   JobReport& report_;
-  Image colour_;
   Camera camera_;
   std::vector<View> views_;
   graphs::SlideInput tensors_;

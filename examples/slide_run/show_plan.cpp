@@ -33,19 +33,22 @@ void print_plan(int height, int width, const graphs::SlideModels& models, const 
   }
 }
 
-std::size_t planned_memory(int height, int width, const graphs::SlideModels& models,
+std::size_t planned_memory(std::size_t photo_pixels, int height, int width, const graphs::SlideModels& models,
                            const graphs::SlideInput& known, const graphs::SlideOptions& options) {
   const std::size_t pixels = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
-  // float32 planes that live through the run: the photo twice (as read, as tensor) 6, D D1 A S S_hat H matte
-  // 7, background 4, the same as images for the rasterizer 9.
-  constexpr std::size_t kPlanes = 6 + 7 + 4 + 9;
-  // Both full meshes: place, disparity, screen coordinates and texture coordinates of each vertex.
-  constexpr std::size_t kMeshBytes = 2 * 48;
-  constexpr std::size_t kProgram = std::size_t{32} << 20;  // code, libraries, buffers of image files
-  std::size_t largest = pixels * kMeshBytes;
+  // float32 planes alive while a stage runs: the photo as read and as tensor 6, D D1 A S S_hat H matte 7,
+  // background 4.
+  constexpr std::size_t kStagePlanes = 6 + 7 + 4;
+  // While views are drawn or encoded: both layers as images 9 and the copies that encoders make 8; for each
+  // vertex of both meshes its place, disparity, texture and screen coordinates.
+  constexpr std::size_t kDrawingBytes = (9 + 8) * sizeof(float) + 2 * 56;
+  constexpr std::size_t kProgram = std::size_t{48} << 20;  // code, libraries, buffers of image files
+  std::size_t stage_memory = 0;
   for (const graphs::PlannedStage& stage : graphs::plan_layers(height, width, models, known, options))
-    largest = std::max(largest, stage.plan.memory_bytes());
-  return kProgram + pixels * kPlanes * sizeof(float) + largest;
+    stage_memory = std::max(stage_memory, stage.plan.memory_bytes());
+  const std::size_t reading = photo_pixels * 3 * 2 * sizeof(float);
+  const std::size_t stages = pixels * kStagePlanes * sizeof(float) + stage_memory;
+  return kProgram + std::max({reading, stages, pixels * kDrawingBytes});
 }
 
 }  // namespace slide::run
