@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <iterator>
 #include <string>
 
 #include "graphs/fba.h"
@@ -9,6 +10,9 @@
 #include "graphs/inpaint_deepfill.h"
 #include "graphs/midas_v21.h"
 #include "graphs/midas_v21_small.h"
+#include "graphs/slide_depth.h"
+#include "graphs/slide_inpaint.h"
+#include "graphs/slide_matte.h"
 #include "graphs/u2net.h"
 #include "runtime/error.h"
 
@@ -75,7 +79,56 @@ GraphPtr build_fba(const BuildOptions& options) {
   return g;
 }
 
-std::vector<Model> all_models() {
+GraphPtr build_slide_depth(const BuildOptions& options) {
+  auto g = std::make_unique<Graph>();
+  g->output("0", slide_depth(image_input(*g, "x", 3, options)));
+  return g;
+}
+
+GraphPtr build_slide_inpaint(const BuildOptions& options) {
+  auto g = std::make_unique<Graph>();
+  const Value rgbd = image_input(*g, "rgbd", 4, options);
+  const Value disparity = image_input(*g, "disparity", 1, options);
+  const Value hole = image_input(*g, "hole", 1, options);
+  g->output("0", slide_inpaint(rgbd, disparity, hole));
+  return g;
+}
+
+GraphPtr build_slide_matte(const BuildOptions& options) {
+  auto g = std::make_unique<Graph>();
+  g->output("0", slide_matte(image_input(*g, "x", 3, options)));
+  return g;
+}
+
+/// The project's own networks.
+std::vector<Model> own_models() {
+  return {
+      {.name = "slide_depth",
+       .description = "inverse depth of an image, the default (2.3 M parameters)",
+       .inputs = {"x"},
+       .outputs = {"inverse depth"},
+       .size = {.multiple = 32, .upper_bound = kSlideSide},
+       .unread = {},
+       .build = build_slide_depth},
+      {.name = "slide_inpaint",
+       .description = "depth-aware RGBD inpainting, the default",
+       .inputs = {"rgbd", "disparity", "hole"},
+       .outputs = {"rgbd"},
+       .size = {.multiple = 4},
+       .unread = {},
+       .build = build_slide_inpaint},
+      {.name = "slide_matte",
+       .description = "soft matte of the salient subject, the default",
+       .inputs = {"x"},
+       .outputs = {"matte"},
+       .size = {.multiple = 32, .upper_bound = kSlideSide},
+       .unread = {},
+       .build = build_slide_matte},
+  };
+}
+
+/// Published networks, whose weights are their authors'.
+std::vector<Model> published_models() {
   const std::vector<std::string_view> maps{"fused",  "side 1", "side 2", "side 3",
                                            "side 4", "side 5", "side 6"};
   return {
@@ -134,7 +187,11 @@ std::vector<Model> all_models() {
 }  // namespace
 
 std::span<const Model> catalogue() {
-  static const std::vector<Model> models = all_models();
+  static const std::vector<Model> models = [] {
+    std::vector<Model> all = published_models();
+    std::ranges::move(own_models(), std::back_inserter(all));
+    return all;
+  }();
   return models;
 }
 

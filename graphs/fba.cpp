@@ -149,7 +149,7 @@ Value sum_of_channels(Value x) {
 
 Value complement(Value x) { return ops::affine(x, -1, 1); }
 
-/// The closed-form update of the paper's section 3.3, one step for each of F, B and alpha, in this order.
+/// The authors' fba_fusion: one closed-form update for each of F, B and alpha, in this order.
 Value fuse(Value alpha, Value image, Value f, Value b) {
   constexpr double kLambda = 0.1;
   const Value squared = ops::mul(alpha, alpha);
@@ -191,7 +191,7 @@ bool means_are_zero(const Tensor& filters) {
 FbaConfig FbaConfig::from_weights(const WeightSource& weights) {
   if (weights.names().empty()) return {};
   const std::optional<Tensor> first = weights.find("encoder.conv1.weight", {});
-  if (!first || first->shape().rank() != 4 || first->count() == 0) return {};
+  if (!first || first->empty() || first->shape().rank() != 4 || first->count() == 0) return {};
   return {.standardise_weights = !means_are_zero(*first)};
 }
 

@@ -20,7 +20,8 @@ struct FbaConfig {
   bool standardise_weights = false;
 
   /// True unless every filter of the first layer has mean zero already (to 1e-4 of its standard deviation,
-  /// which training does not reach by chance). False if `weights` makes tensors up or has no such layer.
+  /// which training does not reach by chance). False if `weights` makes tensors up, lists shapes without
+  /// values, or has no such layer.
   static FbaConfig from_weights(const WeightSource& weights);
 };
 

@@ -192,4 +192,6 @@ TEST_CASE("filters whose means are zero are taken as standardised already") {
   weights.set("encoder.conv1.weight", Tensor::from<float>({2, 1, 2, 2}, std::span<const float>(raw)));
   CHECK(FbaConfig::from_weights(weights).standardise_weights);
   CHECK_FALSE(FbaConfig::from_weights(FormulaWeights::made_up()).standardise_weights);
+  weights.set("encoder.conv1.weight", Tensor::view(DType::kF32, {64, 11, 7, 7}, nullptr));
+  CHECK_FALSE(FbaConfig::from_weights(weights).standardise_weights);  // a list of shapes
 }
