@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstdio>
-#include <filesystem>
 #include <new>
 #include <nlohmann/json.hpp>
 
@@ -32,14 +31,20 @@ CheckedFile check_file(const std::string& path, Isa isa) {
 
 void add_rows(TextTable& table, const CheckedFile& file) {
   const CaseCheck& c = *file.check;
-  table.row({std::filesystem::path(file.file).filename().string(), c.op, "float64 definition",
-             scientific(c.reference_error), "", fixed(c.reference_error / c.tolerance),
+  table.heading(file.file + ": " + c.op + (c.attributes == "{}" ? "" : " " + c.attributes) + " gives " +
+                c.shape.text());
+  table.row({"  float64 definition", scientific(c.reference_error), "",
+             fixed(c.reference_error / c.tolerance),
              c.reference_passed() ? "ok" : "FAILED: not the expected output"});
   for (const KernelCheck& k : c.kernels)
-    table.row({"", "", k.kernel, scientific(k.error_expected), scientific(k.error_reference),
+    table.row({"  " + k.kernel, scientific(k.error_expected), scientific(k.error_reference),
                fixed(k.of_bound), k.passed() ? "ok" : "FAILED: " + k.verdict()});
   if (c.kernels.empty())
-    table.row({"", "", "no kernel", "", "", "", "FAILED: no kernel of this level can do the call"});
+    table.row({"  no kernel", "", "", "", "FAILED: no kernel of this level can do the call"});
+}
+
+std::string counted(std::size_t count, const std::string& what) {
+  return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
 std::string summary_of(const std::vector<CheckedFile>& files) {
@@ -52,11 +57,11 @@ std::string summary_of(const std::vector<CheckedFile>& files) {
     kernels += f.check->kernels.size();
     if (!f.check->passed()) ++failed;
   }
-  std::string text = std::to_string(cases) + " cases, " + std::to_string(kernels) + " kernel runs: ";
-  text += failed == 0 ? "all within their bounds" : std::to_string(failed) + " cases FAILED";
-  if (cases != files.size())
-    text += "; " + std::to_string(files.size() - cases) + " files could not be checked";
-  return text + "\n";
+  std::string text;
+  if (cases != files.size()) text = counted(files.size() - cases, "file") + " could not be checked\n";
+  if (cases == 0) return text;
+  text += counted(cases, "case") + ", " + counted(kernels, "kernel run") + ": ";
+  return text + (failed == 0 ? "all within their bounds" : counted(failed, "case") + " FAILED") + "\n";
 }
 
 Json json_of(const KernelCheck& k) {
@@ -132,8 +137,7 @@ int exit_code(const std::vector<CheckedFile>& files) {
 
 std::string table_of(const std::vector<CheckedFile>& files) {
   using enum TextTable::Align;
-  TextTable table({"case", "operator", "kernel", "vs expected", "vs float64", "of bound", ""},
-                  {kLeft, kLeft, kLeft, kRight, kRight, kRight, kLeft});
+  TextTable table({"", "vs expected", "vs float64", "of bound", ""}, {kLeft, kRight, kRight, kRight, kLeft});
   for (const CheckedFile& f : files)
     if (f.check) add_rows(table, f);
   std::string errors;

@@ -16,28 +16,31 @@ std::size_t width(const std::string& text) {
 }  // namespace
 
 TextTable::TextTable(std::vector<std::string> titles, std::vector<Align> align)
-    : rows_{std::move(titles)}, align_(std::move(align)) {
-  if (rows_[0].size() != align_.size())
+    : rows_{{std::move(titles), false}}, align_(std::move(align)) {
+  if (rows_[0].cells.size() != align_.size())
     throw Error(ErrorKind::kInternal, "a table's titles and alignments differ");
 }
 
 void TextTable::row(std::vector<std::string> cells) {
   if (cells.size() > align_.size()) throw Error(ErrorKind::kInternal, "a table's row has too many cells");
   cells.resize(align_.size());
-  rows_.push_back(std::move(cells));
+  rows_.push_back({std::move(cells), false});
 }
+
+void TextTable::heading(std::string text) { rows_.push_back({{std::move(text)}, true}); }
 
 std::string TextTable::text() const {
   std::vector<std::size_t> widths(align_.size());
-  for (const auto& row : rows_)
-    for (std::size_t c = 0; c < row.size(); ++c) widths[c] = std::max(widths[c], width(row[c]));
+  for (const Row& row : rows_)
+    for (std::size_t c = 0; c < row.cells.size() && !row.is_heading; ++c)
+      widths[c] = std::max(widths[c], width(row.cells[c]));
   std::string result;
-  for (const auto& row : rows_) {
-    std::string line;
-    for (std::size_t c = 0; c < row.size(); ++c) {
+  for (const Row& row : rows_) {
+    std::string line = row.is_heading ? row.cells[0] : "";
+    for (std::size_t c = 0; c < row.cells.size() && !row.is_heading; ++c) {
       if (c != 0) line += "  ";
-      const std::string space(widths[c] - width(row[c]), ' ');
-      line += align_[c] == Align::kLeft ? row[c] + space : space + row[c];
+      const std::string space(widths[c] - width(row.cells[c]), ' ');
+      line += align_[c] == Align::kLeft ? row.cells[c] + space : space + row.cells[c];
     }
     line.erase(line.find_last_not_of(' ') + 1);
     result += line + "\n";

@@ -16,11 +16,17 @@ class TextTable {
   TextTable(std::vector<std::string> titles, std::vector<Align> align);
   /// Adds a row; cells left out are empty. Throws Error(kInternal) if there are more cells than columns.
   void row(std::vector<std::string> cells);
+  /// Adds a line of its own, which takes no part in the columns.
+  void heading(std::string text);
   /// The titles and all rows, a line each, without spaces at the ends of lines.
   [[nodiscard]] std::string text() const;
 
  private:
-  std::vector<std::vector<std::string>> rows_;  // the first are the titles
+  struct Row {
+    std::vector<std::string> cells;
+    bool is_heading;
+  };
+  std::vector<Row> rows_;  // the first are the titles
   std::vector<Align> align_;
 };
 

@@ -1,0 +1,121 @@
+#include <doctest/doctest.h>
+
+#include <nlohmann/json.hpp>
+#include <sstream>
+
+#include "ops/case_io.h"
+#include "runtime/safetensors_writer.h"
+#include "tests/examples/program.h"
+
+using namespace slide;
+using slide::test::ProgramResult;
+
+namespace {
+
+const std::string kData = SLIDE_TEST_DATA;
+const std::string kGolden = kData + "/networks/midas_v21_small.safetensors";
+
+ProgramResult slide_check(const std::vector<std::string>& arguments) {
+  return slide::test::run_program(SLIDE_CHECK, arguments);
+}
+
+void write_relu_case(const std::string& path, double expected) {
+  ops::OperatorCase c;
+  c.op = "relu";
+  const double x[] = {-1, 2};
+  const double y[] = {0, expected};
+  c.inputs = {{"x", Tensor::from<double>({2}, std::span<const double>(x))}};
+  c.expected = Tensor::from<double>({2}, std::span<const double>(y));
+  ops::write_case(path, c);
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+}  // namespace
+
+TEST_CASE("slide_check op passes a folder of cases and says so") {
+  const ProgramResult result =
+      slide_check({"op", kData + "/onnx_cases"});
+  CHECK(result.code == 0);
+  CHECK(result.errors.empty());
+  CHECK(contains(result.output, "float64 definition"));
+  CHECK(contains(result.output, "all within their bounds"));
+}
+
+TEST_CASE("slide_check op ends with 1 if a case fails, and still checks the others") {
+  const TemporaryFolder folder;
+  write_relu_case(folder.file("wrong.safetensors"), 3);
+  write_relu_case(folder.file("good.safetensors"), 2);
+  const ProgramResult result =
+      slide_check({"op", "--json", folder.file("wrong.safetensors"), folder.file("missing.safetensors"),
+                   folder.file("good.safetensors")});
+  CHECK(result.code == 1);
+  const nlohmann::json json = nlohmann::json::parse(result.output);
+  CHECK(json["passed"] == false);
+  REQUIRE(json["cases"].size() == 3);
+  CHECK(json["cases"][0]["passed"] == false);
+  CHECK(json["cases"][1].contains("error"));
+  CHECK(json["cases"][2]["passed"] == true);
+}
+
+TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
+  const TemporaryFolder folder;
+  const std::string junk = folder.file("junk.safetensors");
+  write_bytes(junk, {});
+  CHECK(slide_check({}).code == 2);
+  CHECK(slide_check({"op"}).code == 2);
+  CHECK(slide_check({"op", "--isa", "mmx", junk}).code == 2);
+  CHECK(slide_check({"op", junk}).code == 3);
+  CHECK(slide_check({"net", "no_such_model", "--formula-weights", "--golden", kGolden}).code == 2);
+  CHECK(slide_check({"net", "u2netp", "--formula-weights", "--golden", kGolden}).code == 2);
+  CHECK(slide_check({"net", "midas_v21_small", "--golden", kGolden}).code == 2);
+  CHECK(slide_check({"net", "midas_v21_small", "--formula-weights", "--golden", junk}).code == 3);
+  CHECK(slide_check({"net", "midas_v21_small", "--weights", junk, "--golden", kGolden}).code == 4);
+  CHECK(slide_check({"compare", "u2netp", "--formula-weights", "--image", junk}).code == 3);
+  CHECK(slide_check({"compare", "u2netp", "--weights", junk, "--image", kData + "/images/none.png"}).code ==
+        4);
+  const ProgramResult result = slide_check({"op", junk});
+  CHECK(contains(result.output, junk));
+  CHECK(slide_check({"--help"}).code == 0);
+}
+
+TEST_CASE("slide_check net compares a golden run") {
+  const ProgramResult result =
+      slide_check({"net", "midas_v21_small", "--formula-weights", "--golden", kGolden, "--json"});
+  CHECK(result.code == 0);
+  const nlohmann::json json = nlohmann::json::parse(result.output);
+  CHECK(json["passed"] == true);
+  CHECK(json["model"] == "midas_v21_small");
+  for (const auto& tensor : json["tensors"]) CHECK(tensor["float64_vs_golden"] <= tensor["tolerance"]);
+  for (const auto& node : json["nodes"]) CHECK(node["of_bound"] <= 1);
+}
+
+TEST_CASE(
+    "slide_check compare sorts by error, and what it dumps passes slide_check op at a lower level too") {
+  const TemporaryFolder folder;
+  const std::string dump = folder.file("dump");
+  const ProgramResult result =
+      slide_check({"compare", "u2netp", "--formula-weights", "--image", kData + "/images/rgb_8.png", "--size",
+                   "32", "--dump", dump, "--threads", "2"});
+  CHECK(result.code == 0);
+  CHECK(contains(result.output, "every kernel within its bound"));
+  std::istringstream lines(result.output);
+  std::string line;
+  std::getline(lines, line);
+  const std::size_t column = line.find("max error");
+  REQUIRE(column != std::string::npos);
+  double last = 1e300;
+  int rows = 0;
+  while (std::getline(lines, line) && !contains(line, " nodes at level ")) {
+    const double error = std::stod(line.substr(column));
+    CHECK(error <= last);
+    last = error;
+    ++rows;
+  }
+  CHECK(rows > 100);
+  CHECK(rows ==
+        std::distance(std::filesystem::directory_iterator(dump), std::filesystem::directory_iterator()));
+  CHECK(slide_check({"op", "--isa", "baseline", dump}).code == 0);
+}
