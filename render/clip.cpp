@@ -40,8 +40,8 @@ ClipVertex clip_vertex(const Projection& p, const Mesh& mesh, const ProjectedMes
   vertex.v = mesh.v[i];
   vertex.projected = projected.q[i] > 0.0F;
   if (vertex.projected) {
-    const float q = projected.q[i];
-    vertex.screen = {projected.x[i], projected.y[i], q, mesh.u[i] * q, mesh.v[i] * q};
+    const float s = projected.s[i];
+    vertex.screen = {projected.x[i], projected.y[i], projected.q[i], s, mesh.u[i] * s, mesh.v[i] * s};
   }
   return vertex;
 }
@@ -85,9 +85,8 @@ std::int32_t to_fixed(double pixels) {
 
 ScreenVertex to_screen(const ClipVertex& v) {
   if (v.projected) return v.screen;
-  const double q = v.w / v.z;
-  return {to_fixed(v.x / v.z), to_fixed(v.y / v.z), static_cast<float>(q), static_cast<float>(v.u * q),
-          static_cast<float>(v.v * q)};
+  return {to_fixed(v.x / v.z),           to_fixed(v.y / v.z),           static_cast<float>(v.w / v.z),
+          static_cast<float>(1.0 / v.z), static_cast<float>(v.u / v.z), static_cast<float>(v.v / v.z)};
 }
 
 }  // namespace

@@ -15,10 +15,10 @@ constexpr std::int32_t kSmallCell = 1 << 14;
 
 struct GridVertex {
   std::int32_t x, y;
-  float q, u, v;
+  float q, s, u, v;
 };
 
-ScreenVertex screen_vertex(const GridVertex& g) { return {g.x, g.y, g.q, g.u * g.q, g.v * g.q}; }
+ScreenVertex screen_vertex(const GridVertex& g) { return {g.x, g.y, g.q, g.s, g.u * g.s, g.v * g.s}; }
 
 struct Offset {
   std::int32_t x, y;
@@ -34,19 +34,25 @@ bool owned(std::int32_t ab, std::int32_t bc, std::int32_t ca, Offset a, Offset b
          (ca != 0 || owns_its_points(a.x - c.x, a.y - c.y));
 }
 
+/// Where a pixel's fragment is.
+struct FragmentPlace {
+  float *q, *s, *us, *vs;
+};
+
 /// Draws one pixel of the triangle that has positive area and the given edge functions there.
 void draw_pixel(const GridVertex& a, const GridVertex& b, const GridVertex& c, std::int32_t ab,
-                std::int32_t bc, std::int32_t ca, float* q_out, float* uq_out, float* vq_out) {
+                std::int32_t bc, std::int32_t ca, const FragmentPlace& out) {
   const float inverse_area = 1.0F / static_cast<float>(ab + bc + ca);
   const float b1 = static_cast<float>(ca) * inverse_area;
   const float b2 = static_cast<float>(ab) * inverse_area;
   const float q = interpolate(a.q, b.q - a.q, c.q - a.q, b1, b2);
-  if (q > *q_out) {
-    *q_out = q;
-    const float ua = a.u * a.q;
-    const float va = a.v * a.q;
-    *uq_out = interpolate(ua, b.u * b.q - ua, c.u * c.q - ua, b1, b2);
-    *vq_out = interpolate(va, b.v * b.q - va, c.v * c.q - va, b1, b2);
+  if (q > *out.q) {
+    const float us = a.u * a.s;
+    const float vs = a.v * a.s;
+    *out.q = q;
+    *out.s = interpolate(a.s, b.s - a.s, c.s - a.s, b1, b2);
+    *out.us = interpolate(us, b.u * b.s - us, c.u * c.s - us, b1, b2);
+    *out.vs = interpolate(vs, b.v * b.s - vs, c.v * c.s - vs, b1, b2);
   }
 }
 
@@ -70,24 +76,22 @@ void draw_cell(const Cell& cell, std::int32_t x0, std::int32_t y0, std::int32_t 
       const std::int32_t bd = cross(b, d);
       const std::int32_t dc = cross(d, c);
       const std::int32_t ca = cross(c, a);
-      float* const q = band.q(y) + x;
-      float* const uq = band.uq(y) + x;
-      float* const vq = band.vq(y) + x;
+      const FragmentPlace out{band.q(y) + x, band.s(y) + x, band.us(y) + x, band.vs(y) + x};
       if constexpr (kMain) {
         const std::int32_t da = cross(d, a);
         if ((ab | bd | da) >= 0 && ab + bd + da > 0 && owned(ab, bd, da, a, b, d)) {
-          draw_pixel(cell.a, cell.b, cell.d, ab, bd, da, q, uq, vq);
+          draw_pixel(cell.a, cell.b, cell.d, ab, bd, da, out);
         }
         if ((-da | dc | ca) >= 0 && dc + ca - da > 0 && owned(-da, dc, ca, a, d, c)) {
-          draw_pixel(cell.a, cell.d, cell.c, -da, dc, ca, q, uq, vq);
+          draw_pixel(cell.a, cell.d, cell.c, -da, dc, ca, out);
         }
       } else {
         const std::int32_t bc = cross(b, c);
         if ((ab | bc | ca) >= 0 && ab + bc + ca > 0 && owned(ab, bc, ca, a, b, c)) {
-          draw_pixel(cell.a, cell.b, cell.c, ab, bc, ca, q, uq, vq);
+          draw_pixel(cell.a, cell.b, cell.c, ab, bc, ca, out);
         }
         if ((bd | dc | -bc) >= 0 && bd + dc - bc > 0 && owned(bd, dc, -bc, b, d, c)) {
-          draw_pixel(cell.b, cell.d, cell.c, bd, dc, -bc, q, uq, vq);
+          draw_pixel(cell.b, cell.d, cell.c, bd, dc, -bc, out);
         }
       }
     }
@@ -121,10 +125,10 @@ void visit_cell(const GridRow& grid, int column, FragmentBand& band) {
   if (x0 > x1 || y0 > y1) return;
   const float u0 = grid.u[column];
   const float u1 = grid.u[column + 1];
-  const Cell cell{{x_up[0], y_up[0], grid.q[0][column], u0, grid.v[0]},
-                  {x_up[1], y_up[1], grid.q[0][column + 1], u1, grid.v[0]},
-                  {x_low[0], y_low[0], grid.q[1][column], u0, grid.v[1]},
-                  {x_low[1], y_low[1], grid.q[1][column + 1], u1, grid.v[1]}};
+  const Cell cell{{x_up[0], y_up[0], grid.q[0][column], grid.s[0][column], u0, grid.v[0]},
+                  {x_up[1], y_up[1], grid.q[0][column + 1], grid.s[0][column + 1], u1, grid.v[0]},
+                  {x_low[0], y_low[0], grid.q[1][column], grid.s[1][column], u0, grid.v[1]},
+                  {x_low[1], y_low[1], grid.q[1][column + 1], grid.s[1][column + 1], u1, grid.v[1]}};
   if (right - left <= kSmallCell && bottom - top <= kSmallCell) {
     draw_cell<kMain>(cell, x0, y0, x1, y1, band);
   } else {

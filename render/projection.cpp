@@ -37,6 +37,7 @@ void project_range(const Projection& p, const Mesh& mesh, std::size_t first, std
   std::int32_t* const x = out.x.data();
   std::int32_t* const y = out.y.data();
   float* const q = out.q.data();
+  float* const s = out.s.data();
   for (std::size_t i = first; i < last; ++i) {
     const float du = u[i] - centre_x;
     const float dv = v[i] - centre_y;
@@ -54,6 +55,7 @@ void project_range(const Projection& p, const Mesh& mesh, std::size_t first, std
     x[i] = static_cast<std::int32_t>(fx + std::copysign(0.5F, fx));
     y[i] = static_cast<std::int32_t>(fy + std::copysign(0.5F, fy));
     q[i] = good ? w * inverse : ProjectedMesh::kClipped;
+    s[i] = inverse;
   }
 }
 
@@ -115,8 +117,8 @@ void bound_triangles(const Mesh& mesh, ProjectedMesh& out) {
 }
 
 ScreenVertex screen_vertex(const Mesh& mesh, const ProjectedMesh& projected, std::size_t i) {
-  const float q = projected.q[i];
-  return {projected.x[i], projected.y[i], q, mesh.u[i] * q, mesh.v[i] * q};
+  const float s = projected.s[i];
+  return {projected.x[i], projected.y[i], projected.q[i], s, mesh.u[i] * s, mesh.v[i] * s};
 }
 
 bool touches(const Chunk& chunk, const FragmentBand& band) {
@@ -145,6 +147,7 @@ void draw_grid_chunk(const Mesh& mesh, const ProjectedMesh& projected, std::int6
   const GridRow grid{{projected.x.data() + upper, projected.x.data() + lower},
                      {projected.y.data() + upper, projected.y.data() + lower},
                      {projected.q.data() + upper, projected.q.data() + lower},
+                     {projected.s.data() + upper, projected.s.data() + lower},
                      mesh.u.data() + upper,
                      {mesh.v[upper], mesh.v[lower]},
                      static_cast<int>(row)};
@@ -181,6 +184,7 @@ void project_mesh(const Projection& projection, const Mesh& mesh, ProjectedMesh&
   out.x.resize(count);
   out.y.resize(count);
   out.q.resize(count);
+  out.s.resize(count);
   constexpr std::size_t kBlock = 8192;
   parallel_for(static_cast<std::int64_t>((count + kBlock - 1) / kBlock), [&](std::int64_t block) {
     const std::size_t first = index(block) * kBlock;

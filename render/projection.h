@@ -13,8 +13,8 @@ namespace slide {
 /// From the vertices of a mesh to the screen of a view, width × height pixels.
 /// With D the disparity and w its inverse depth, (X, Y, Z) = matrix · (u - centre, v - centre, 1, D) is the
 /// point in the view's camera divided by its depth in the photo, X and Y scaled to pixels: it appears at (X,
-/// Y) / Z + centre_out, with 1 / depth = w / Z. Homogeneous coordinates of this kind need no division by w,
-/// and are linear over a triangle.
+/// Y) / Z + centre_out, with q = 1 / depth = w / Z and s = 1 / Z. Homogeneous coordinates of this kind need
+/// no division by w, and are linear over a triangle.
 struct Projection {
   double matrix[3][4];
   double inverse_depth_scale;  ///< w = scale · D + offset
@@ -39,7 +39,7 @@ struct Chunk {
 struct ProjectedMesh {
   static constexpr float kClipped = -1.0F;
   std::vector<std::int32_t> x, y;
-  std::vector<float> q;
+  std::vector<float> q, s;
   std::vector<Chunk> chunks;  ///< in the order of the triangles; of a full mesh, the same number for each row
 };
 

@@ -46,7 +46,7 @@ struct Setup {
   PixelBox box;
   EdgeFunction ab, bc, ca;
   float inverse_area;
-  Attribute q, uq, vq;
+  Attribute q, s, us, vs;
 };
 
 void walk_small(const Setup& s, FragmentBand& band) {
@@ -78,8 +78,12 @@ void walk_small(const Setup& s, FragmentBand& band) {
         const Int4 nearer = inside & (q > q_there);
         if (any(nearer)) {
           store4(q_out, select(nearer, q, q_there));
-          store4(band.uq(y) + x, select(nearer, value(s.uq), load4(band.uq(y) + x)));
-          store4(band.vq(y) + x, select(nearer, value(s.vq), load4(band.vq(y) + x)));
+          const auto put = [&](float* out, const Attribute& t) {
+            store4(out, select(nearer, value(t), load4(out)));
+          };
+          put(band.s(y) + x, s.s);
+          put(band.us(y) + x, s.us);
+          put(band.vs(y) + x, s.vs);
         }
       }
       ab += step_x(s.ab);
@@ -106,8 +110,9 @@ void walk_large(const Setup& s, FragmentBand& band) {
         const float q = value(s.q);
         if (q > band.q(y)[x]) {
           band.q(y)[x] = q;
-          band.uq(y)[x] = value(s.uq);
-          band.vq(y)[x] = value(s.vq);
+          band.s(y)[x] = value(s.s);
+          band.us(y)[x] = value(s.us);
+          band.vs(y)[x] = value(s.vs);
         }
       }
       ab += s.ab.step_x;
@@ -126,8 +131,9 @@ void FragmentBand::reset(int width, int y0, int y1) {
   stride_ = (static_cast<std::size_t>(width) + 3 + 3) / 4 * 4;
   const std::size_t size = stride_ * static_cast<std::size_t>(y1 - y0);
   q_.assign(size, 0.0F);
-  uq_.resize(size);
-  vq_.resize(size);
+  s_.resize(size);
+  us_.resize(size);
+  vs_.resize(size);
 }
 
 void draw_triangle(const ScreenVertex& a, const ScreenVertex& b, const ScreenVertex& c, Faces faces,
@@ -152,8 +158,9 @@ void draw_triangle(const ScreenVertex& a, const ScreenVertex& b, const ScreenVer
                     ca,
                     1.0F / static_cast<float>(area),
                     {a.q, b.q - a.q, c.q - a.q},
-                    {a.uq, b.uq - a.uq, c.uq - a.uq},
-                    {a.vq, b.vq - a.vq, c.vq - a.vq}};
+                    {a.s, b.s - a.s, c.s - a.s},
+                    {a.us, b.us - a.us, c.us - a.us},
+                    {a.vs, b.vs - a.vs, c.vs - a.vs}};
   if (x_high - x_low <= kSmallExtent && y_high - y_low <= kSmallExtent) {
     walk_small(setup, band);
   } else {

@@ -17,15 +17,19 @@ inline constexpr int kSubpixels = 1 << kSubpixelBits;
 /// 2^61: int64 holds it.
 inline constexpr std::int32_t kMaxCoordinate = 1 << 20;
 
-/// A vertex on the screen. Interpolating q, uq and vq linearly over the screen and dividing is
-/// perspective-correct.
+/// A vertex on the screen. q, s, us and vs are linear over the screen; us/s and vs/s are the texture
+/// coordinates. With s = 1/Z of the homogeneous (X, Y, Z) = M (u, v, 1, w) they are the place of the photo
+/// that is projected on the triangle's plane: the perspective of the view and that of the photo, both. (With
+/// s = q, textures would be linear over the triangle in space, and the photo bent inside triangles that do
+/// not face it.)
 struct ScreenVertex {
   std::int32_t x, y;  ///< fixed point, at most kMaxCoordinate << kSubpixelBits in size
-  float q;            ///< 1 / depth, positive
-  float uq, vq;       ///< texture coordinates times q
+  float q;            ///< 1 / depth in the view, positive
+  float s;            ///< denominator of the texture coordinates, positive
+  float us, vs;       ///< texture coordinates times s
 };
 
-/// What is nearest at each pixel of some rows of a view: q (0 where nothing was drawn), uq and vq.
+/// What is nearest at each pixel of some rows of a view: q (0 where nothing was drawn), s, us and vs.
 /// Only rows [y0, y1) and columns [0, width) are drawn to.
 class FragmentBand {
  public:
@@ -36,11 +40,13 @@ class FragmentBand {
   [[nodiscard]] int y0() const noexcept { return y0_; }
   [[nodiscard]] int y1() const noexcept { return y1_; }
   [[nodiscard]] float* q(int y) noexcept { return q_.data() + offset(y); }
-  [[nodiscard]] float* uq(int y) noexcept { return uq_.data() + offset(y); }
-  [[nodiscard]] float* vq(int y) noexcept { return vq_.data() + offset(y); }
+  [[nodiscard]] float* s(int y) noexcept { return s_.data() + offset(y); }
+  [[nodiscard]] float* us(int y) noexcept { return us_.data() + offset(y); }
+  [[nodiscard]] float* vs(int y) noexcept { return vs_.data() + offset(y); }
   [[nodiscard]] const float* q(int y) const noexcept { return q_.data() + offset(y); }
-  [[nodiscard]] const float* uq(int y) const noexcept { return uq_.data() + offset(y); }
-  [[nodiscard]] const float* vq(int y) const noexcept { return vq_.data() + offset(y); }
+  [[nodiscard]] const float* s(int y) const noexcept { return s_.data() + offset(y); }
+  [[nodiscard]] const float* us(int y) const noexcept { return us_.data() + offset(y); }
+  [[nodiscard]] const float* vs(int y) const noexcept { return vs_.data() + offset(y); }
   /// Floats from one row to the next: at least width + 3, so that whole groups of four can be read and
   /// written.
   [[nodiscard]] std::size_t stride() const noexcept { return stride_; }
@@ -53,7 +59,7 @@ class FragmentBand {
   int y0_ = 0;
   int y1_ = 0;
   std::size_t stride_ = 0;
-  std::vector<float> q_, uq_, vq_;
+  std::vector<float> q_, s_, us_, vs_;
 };
 
 enum class Faces { kFront, kBoth };
@@ -77,8 +83,9 @@ struct GridRow {
   const std::int32_t* x[2];  ///< of the upper and of the lower vertices
   const std::int32_t* y[2];
   const float* q[2];
-  const float* u;  ///< texture coordinate of each column, the same above and below; uq = u · q
-  float v[2];      ///< texture coordinate of each vertex row; vq = v · q
+  const float* s[2];
+  const float* u;  ///< texture coordinate of each column, the same above and below; us = u · s
+  float v[2];      ///< texture coordinate of each vertex row; vs = v · s
   int row;         ///< of the grid; main_diagonal(column, row) says how the cells are cut
 };
 

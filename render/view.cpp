@@ -42,9 +42,9 @@ FourCoordinates texture_coordinates(const FragmentBand& band, const Texture& tex
   const Float4 q = load4(band.q(y) + x);
   const Float4 zero{};
   const Int4 covered = q > zero;
-  const Float4 inverse = splat(1.0F) / select(covered, q, splat(1.0F));
-  const Float4 u = select(covered, load4(band.uq(y) + x) * inverse, zero);
-  const Float4 v = select(covered, load4(band.vq(y) + x) * inverse, zero);
+  const Float4 inverse = splat(1.0F) / select(covered, load4(band.s(y) + x), splat(1.0F));
+  const Float4 u = select(covered, load4(band.us(y) + x) * inverse, zero);
+  const Float4 v = select(covered, load4(band.vs(y) + x) * inverse, zero);
   return {covered, min4(max4(u, zero), splat(texture.right())), min4(max4(v, zero), splat(texture.bottom()))};
 }
 
@@ -172,8 +172,8 @@ void ViewRenderer::render(const View& view, const RenderOptions& options, Image&
   const Projection projection = make_projection(s.camera, view, width * factor, height * factor);
   project_mesh(projection, s.foreground.mesh, s.foreground.projected);
   if (s.background) project_mesh(projection, s.background->mesh, s.background->projected);
-  // About 24576 fragments of two layers, 12 bytes each, leave room for texels in a cache of 1 MiB.
-  const int chosen = std::max(2, 24576 / (width * factor * factor));
+  // About 20000 fragments of two layers, 16 bytes each, leave room for texels in a cache of 1 MiB.
+  const int chosen = std::max(2, 20000 / (width * factor * factor));
   const int rows = options.band_rows > 0 ? options.band_rows : chosen;
   s.scratch.resize(static_cast<std::size_t>(thread_count()));
   parallel_for((height + rows - 1) / rows, [&](std::int64_t band) {

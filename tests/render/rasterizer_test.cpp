@@ -21,7 +21,7 @@ constexpr std::int32_t kLimit = kMaxCoordinate * kSubpixels;
 using Triangle = std::array<ScreenVertex, 3>;
 
 ScreenVertex vertex(std::int64_t x, std::int64_t y, float q = 1.0F) {
-  return {static_cast<std::int32_t>(x), static_cast<std::int32_t>(y), q, 0.0F, 0.0F};
+  return {static_cast<std::int32_t>(x), static_cast<std::int32_t>(y), q, 1.0F, 0.0F, 0.0F};
 }
 
 /// How often each pixel of the band is drawn when every triangle is drawn on its own.
@@ -239,8 +239,9 @@ TEST_CASE("attributes are the plane through the vertices, in small and in large 
       for (ScreenVertex& v : t) {
         v = vertex(8000 + sample(random, -size, size), 6000 + sample(random, -size, size));
         v.q = static_cast<float>(sample(random, 100, 1000)) / 1000.0F;
-        v.uq = static_cast<float>(sample(random, -1000, 1000));
-        v.vq = static_cast<float>(sample(random, -1000, 1000));
+        v.s = static_cast<float>(sample(random, 100, 1000)) / 1000.0F;
+        v.us = static_cast<float>(sample(random, -1000, 1000));
+        v.vs = static_cast<float>(sample(random, -1000, 1000));
       }
       FragmentBand band;
       band.reset(kWidth, kTop, kBottom);
@@ -262,8 +263,9 @@ TEST_CASE("attributes are the plane through the vertices, in small and in large 
           };
           // Three roundings of weights and three of sums of at most 3000, each 2^-24 of its value.
           CHECK(std::abs(double(band.q(y)[x]) - plane(t[0].q, t[1].q, t[2].q)) <= 8 * 3.0 / (1 << 24));
-          CHECK(std::abs(double(band.uq(y)[x]) - plane(t[0].uq, t[1].uq, t[2].uq)) <= 8 * 3000.0 / (1 << 24));
-          CHECK(std::abs(double(band.vq(y)[x]) - plane(t[0].vq, t[1].vq, t[2].vq)) <= 8 * 3000.0 / (1 << 24));
+          CHECK(std::abs(double(band.s(y)[x]) - plane(t[0].s, t[1].s, t[2].s)) <= 8 * 3.0 / (1 << 24));
+          CHECK(std::abs(double(band.us(y)[x]) - plane(t[0].us, t[1].us, t[2].us)) <= 8 * 3000.0 / (1 << 24));
+          CHECK(std::abs(double(band.vs(y)[x]) - plane(t[0].vs, t[1].vs, t[2].vs)) <= 8 * 3000.0 / (1 << 24));
         }
       }
     }
@@ -273,7 +275,7 @@ TEST_CASE("attributes are the plane through the vertices, in small and in large 
 TEST_CASE("the nearer triangle is seen, and of two at the same depth the first") {
   const auto cover = [](float q, float name) {
     Triangle t = {vertex(-256, 0, q), vertex(90000, 0, q), vertex(-256, 90000, q)};
-    for (ScreenVertex& v : t) v.uq = name;
+    for (ScreenVertex& v : t) v.us = name;
     return t;
   };
   FragmentBand band;
@@ -281,10 +283,10 @@ TEST_CASE("the nearer triangle is seen, and of two at the same depth the first")
   const auto draw = [&](const Triangle& t) { draw_triangle(t[0], t[1], t[2], Faces::kFront, band); };
   draw(cover(0.5F, 1.0F));
   draw(cover(0.25F, 2.0F));
-  CHECK(band.uq(20)[20] == 1.0F);
+  CHECK(band.us(20)[20] == 1.0F);
   draw(cover(0.75F, 3.0F));
   draw(cover(0.75F, 4.0F));
-  CHECK(band.uq(20)[20] == 3.0F);
+  CHECK(band.us(20)[20] == 3.0F);
   CHECK(band.q(20)[20] == 0.75F);
 }
 
