@@ -3,6 +3,6 @@
 set -eu
 cd "$(dirname "$0")"
 cmake/install_packages.sh build test
-cmake --preset release ${SLIDE_CMAKE_FLAGS:-} >/dev/null
+cmake --preset release -DSLIDE_TESTS=ON ${SLIDE_CMAKE_FLAGS:-} >/dev/null
 cmake --build --preset release
 ctest --preset release "$@"
