@@ -15,6 +15,7 @@ class ReduceOp : public Op {
   /// The axes may be negative: from the end.
   ReduceOp(ReduceKind kind, std::vector<int> axes) : kind_(kind), axes_(std::move(axes)) {}
   [[nodiscard]] ReduceKind kind() const noexcept { return kind_; }
+  [[nodiscard]] const std::vector<int>& axes() const noexcept { return axes_; }
   /// For each axis of a tensor of that shape whether it is reduced. Throws Error(kInternal) if the axes do
   /// not fit.
   [[nodiscard]] std::array<bool, Shape::kMaxRank> reduced(const Shape& shape) const;
