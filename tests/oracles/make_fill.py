@@ -18,8 +18,9 @@ from fill import background_weight, push_pull_fill  # noqa: E402
 def save(path, tensors):
     header, blobs, at = {}, [], 0
     for name, tensor in tensors.items():
-        data = np.ascontiguousarray(tensor.numpy(), np.float64).tobytes()
-        header[name] = {'dtype': 'F64', 'shape': list(tensor.shape), 'data_offsets': [at, at + len(data)]}
+        values = np.ascontiguousarray(tensor.numpy())
+        data = values.tobytes()
+        header[name] = {'dtype': {'float32': 'F32', 'float64': 'F64'}[values.dtype.name], 'shape': list(tensor.shape), 'data_offsets': [at, at + len(data)]}
         blobs.append(data)
         at += len(data)
     text = json.dumps(header, separators=(',', ':')).encode()

@@ -4,6 +4,7 @@ Input: RGB/127.5 - 1, N x 3 x H x W, sides multiples of 32. Output: N x H x W, r
 of no particular scale or sign. Strided encoder layers pad one row below and one column at the right only, as the ImageNet
 weights were trained. All interpolation is bilinear x2 with half-pixel centres.
 """
+import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
@@ -49,12 +50,15 @@ class Encoder(nn.Module):
                 blocks.append(InvertedResidual(ic, oc, expansion, stride if i == 0 else 1))
                 ic = oc
         self.blocks = nn.ModuleList(blocks)
+        self.frozen = 0  # the stem and so many blocks are not trained, which saves their backward pass
 
     def forward(self, x):
-        x = F.relu6(self.stem(F.pad(x, (0, 1, 0, 1))))
+        with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
+            x = F.relu6(self.stem(F.pad(x, (0, 1, 0, 1))))
         taps = []
         for i, block in enumerate(self.blocks):
-            x = block(x)
+            with torch.set_grad_enabled(torch.is_grad_enabled() and i >= self.frozen):
+                x = block(x)
             if i in TAPS:
                 taps.append(x)
         return taps

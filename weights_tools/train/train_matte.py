@@ -83,6 +83,7 @@ def main():
     p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
     p.add_argument('--threads', type=int, default=1)
     p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
+    p.add_argument('--freeze', type=int, default=0, help='encoder blocks that are not trained')
     p.add_argument('--rate', type=float, default=6e-4)
     a = p.parse_args()
     torch.set_num_threads(a.threads)
@@ -92,6 +93,8 @@ def main():
     torch.manual_seed(seed)
     data = MatteData(a.cache, seed + 1)
     net = NETS[a.net]()
+    if a.freeze:
+        net.encoder.frozen = a.freeze
     if saved:
         net.load_state_dict(saved['net'])
     elif a.start:

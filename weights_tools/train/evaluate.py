@@ -1,0 +1,230 @@
+#!/usr/bin/python3
+"""The figures of the model cards, and contact sheets to look at.
+
+  evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--sheet OUT.png]
+  evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--sheet OUT.png]
+  evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--sheet OUT.png]
+
+VIEWS holds rectified stereo scenes (left.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
+GTnn_alpha.png. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
+"""
+import argparse
+import glob
+import json
+import os
+
+import cv2
+import numpy as np
+import torch
+import torch.nn.functional as F
+from scipy import ndimage
+
+from common import Ragged, load_safetensors
+from depth_net import DepthNet
+from fill import background_weight, push_pull_fill
+from inpaint_data import InpaintData
+from inpaint_net import InpaintNet
+from matte_net import MatteNet
+from train_matte import input_size, predict
+
+
+def load(net, path):
+    net.load_state_dict(load_safetensors(path))
+    return net.eval().to(memory_format=torch.channels_last)
+
+
+def fit(q, g, known):
+    """The best scale and shift of q onto g, in the least-squares sense."""
+    s, t = np.linalg.lstsq(np.stack([q[known], np.ones(known.sum())], 1), g[known], rcond=None)[0]
+    return q * s + t
+
+
+# ---- depth
+
+@torch.no_grad()
+def disparity(net, image, side=384):
+    h, w = input_size(*image.shape[:2], side)
+    x = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC).transpose(2, 0, 1)[None].astype(np.float32) / 127.5 - 1
+    y = net(torch.from_numpy(np.ascontiguousarray(x)))[None]
+    return F.interpolate(y, size=image.shape[:2], mode='bicubic', align_corners=False)[0, 0].double().numpy()
+
+
+def rooms(estimate, cache):
+    over, relative = [], []
+    for image, z in zip(np.load(cache + '/holdout_rgb.npy'), np.load(cache + '/holdout_depth.npy')):
+        z = np.maximum(z / 25.5, .3)
+        depth = 1 / np.maximum(fit(estimate(image), 1 / z, z > 0), .1)
+        over.append((np.maximum(depth / z, z / depth) > 1.25).mean())
+        relative.append((np.abs(depth - z) / z).mean())
+    return f'ratio > 1.25 on {100 * np.mean(over):.2f}%, AbsRel {np.mean(relative):.4f}'
+
+
+def ordinal(q, g, known, reach=6, step=.1):
+    """Of the pairs of pixels 2·reach apart across an edge (step of the range), the part whose order is wrong."""
+    wrong = pairs = 0
+    span = np.ptp(g[known])
+    for axis in (0, 1):
+        a, b = (np.take(v, range(0, v.shape[axis] - 2 * reach), axis) for v in (g, q)), (np.take(v, range(2 * reach, v.shape[axis]), axis) for v in (g, q))
+        (ga, qa), (gb, qb) = a, b
+        both = np.take(known, range(0, known.shape[axis] - 2 * reach), axis) & np.take(known, range(2 * reach, known.shape[axis]), axis)
+        edge = both & (np.abs(ga - gb) > step * span)
+        pairs += edge.sum()
+        wrong += (edge & (np.sign(qa - qb) != np.sign(ga - gb))).sum()
+    return wrong / max(1, pairs)
+
+
+def views(estimate, folder):
+    lines = []
+    for scene in sorted(glob.glob(folder + '/*/scene.json')):
+        with open(scene) as f:
+            info = json.load(f)
+        here = os.path.dirname(scene) + '/'
+        g = cv2.imread(here + info['disparity'], cv2.IMREAD_UNCHANGED) * float(info['disparity_scale'])
+        known = g > 0
+        q = estimate(cv2.imread(here + info['source_image'])[..., ::-1].copy())
+        error = fit(q, g, known)[known] - g[known]
+        lines.append((np.sqrt((error ** 2).mean()), np.sqrt((error ** 2).mean()) / np.ptp(g[known]), ordinal(q, g, known)))
+    each = ', '.join(f'{px:.2f}' for px, _, _ in lines)
+    _, share, order = np.mean(lines, 0)
+    return f'RMSE {each} px, on average {100 * share:.1f}% of the range; {100 * order:.1f}% of the pairs across edges in wrong order'
+
+
+def boundaries(estimate, cache):
+    """At 384 pixels: how far the steepest point of the disparity is from the matte's edge, along its normal, within 10 pixels."""
+    photos, mattes, subject = Ragged(cache + '/photos'), Ragged(cache + '/mattes'), np.load(cache + '/subject.npy')
+    near, far, standing = [], [], 0
+    held = [i for i in np.load(cache + '/held.npy') if subject[i] == 2]
+    for i in held:
+        h, w = input_size(*mattes[i].shape)
+        matte, q = cv2.resize(mattes[i], (w, h)).astype(np.float32) / 255, cv2.resize(estimate(photos[i]), (w, h))
+        q = (q - q.min()) / (np.ptp(q) + 1e-9)
+        ring = ndimage.binary_dilation(matte > .5, iterations=12) & (matte < .1)
+        inside = (matte > .9) & ndimage.binary_dilation(matte < .5, iterations=12)
+        standing += bool(ring.any() and inside.any() and np.median(q[inside]) - np.median(q[ring]) > .05)
+        smooth = cv2.GaussianBlur(matte, (0, 0), 2)
+        ny, nx = np.gradient(smooth)
+        edge = (matte > .5) ^ ndimage.binary_erosion(matte > .5)
+        edge[:10], edge[-10:], edge[:, :10], edge[:, -10:] = False, False, False, False
+        y, x = np.nonzero(edge & (np.hypot(nx, ny) > .05))
+        if len(y) < 20:
+            continue
+        n = np.hypot(nx, ny)[y, x]
+        t = np.arange(-10, 10.5, .5)
+        profile = ndimage.map_coordinates(q, [y[:, None] + t * (ny[y, x] / n)[:, None], x[:, None] + t * (nx[y, x] / n)[:, None]], order=1)
+        seen = profile[:, -1] - profile[:, 0] > .05
+        offset = np.abs(t[:-1] + .25)[np.argmax(np.diff(profile, axis=1), axis=1)]
+        near.append((offset[seen] <= 2).mean() if seen.any() else 0)
+        far.append(np.median(offset[seen]) if seen.any() else 10)
+    return (f'edges within 2 pixels of the matte\'s on {100 * np.mean(near):.0f}% of their length, median offset {np.mean(far):.1f} px; '
+            f'subject nearer than its surroundings in {standing} of {len(held)}')
+
+
+def depth(a):
+    net = load(DepthNet(), a.weights)
+    constant = lambda image: np.ones(image.shape[:2])
+    ramp = lambda image: np.broadcast_to(np.linspace(0, 1, image.shape[0])[:, None], image.shape[:2]).copy()
+    for name, estimate in (('constant', constant), ('bottom near', ramp), ('at 256', lambda x: disparity(net, x, 256)), ('at 384', lambda x: disparity(net, x))):
+        print(f'rooms, {name}: {rooms(estimate, a.cache)}', flush=True)
+        if a.views:
+            print(f'stereo scenes, {name}: {views(estimate, a.views)}', flush=True)
+    print('held-out photos:', boundaries(lambda x: disparity(net, x), a.cache), flush=True)
+    if a.sheet:
+        sheet(a, lambda image: disparity(net, image), True)
+
+
+# ---- inpainting
+
+def inpaint(a):
+    net, data = load(InpaintNet(), a.weights), InpaintData(a.cache, 99, 160, held=True)
+    scores, tiles = {}, []
+    for k in range(120):
+        scene, truth, d, _, hole, mask, cover = data.sample()
+        with torch.no_grad():
+            s, dt, ht = (torch.from_numpy(v)[None] for v in (scene, d, hole))
+            weight = background_weight(dt, ht)
+            ours = {'fill': push_pull_fill(s, weight)[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
+        unknown = weight[0, 0].numpy() < .5
+        rgb = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8)
+        for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', unknown)):
+            for method, flag in (('Telea', cv2.INPAINT_TELEA), ('Navier-Stokes', cv2.INPAINT_NS)):
+                ours[f'{method}, {name}'] = cv2.inpaint(rgb, region.astype(np.uint8), 3, flag).transpose(2, 0, 1) / 127.5 - 1
+            index = ndimage.distance_transform_edt(region, return_distances=False, return_indices=True)
+            ours[f'nearest copy, {name}'] = scene[:3][:, index[0], index[1]]
+        m = mask[0] > 0
+        inner = m & ndimage.binary_erosion(m)
+        slope = lambda v: np.hypot(*np.gradient(v[:3].mean(0)))[inner].mean() if inner.any() else np.nan
+        ring = ndimage.binary_dilation(m, iterations=6) & (cover[0] == 0)
+        front = (cover[0] > 0) & ~m
+        for name, y in ours.items():
+            y = y[:3].clip(-1, 1)
+            mse = ((y - truth[:3]) ** 2)[:, m].mean() / 4
+            leak = np.nan
+            if ring.sum() > 20 and front.sum() > 20:
+                cf, cb = scene[:3][:, front].mean(1), truth[:3][:, m].mean(1)
+                if np.linalg.norm(cf - cb) > .3:
+                    leak = np.dot(y[:, m].mean(1) - cb, cf - cb) / np.dot(cf - cb, cf - cb)
+            scores.setdefault(name, []).append((-10 * np.log10(mse + 1e-9), np.abs(y - truth[:3])[:, m].mean() / 2, slope(y) / max(slope(truth), 1e-3), leak))
+        if k < 24:
+            tiles.append([scene[:3], np.where(m, .9, scene[:3]), ours['fill'][:3], ours['network'][:3], np.where(m, ours['network'][:3], truth[:3]), truth[:3]])
+    for name, rows in scores.items():
+        p, l1, texture, leak = np.nanmean(rows, 0)
+        print(f'{name:34s} PSNR {p:.2f} dB, L1 {l1:.4f}, gradient {np.nanmedian([r[2] for r in rows]):.2f} of the truth\'s, way to the foreground\'s colour {leak:+.3f}')
+    gain = np.array([r[0] for r in scores['network']]) - np.array([r[0] for r in scores['fill']])
+    print(f'the network over the fill: {gain.mean():+.3f} dB, better in {100 * (gain > 0).mean():.0f}%, worst {gain.min():+.2f} dB')
+    if a.sheet:
+        rows = [np.hstack([((v + 1) * 127.5).clip(0, 255).astype(np.uint8).transpose(1, 2, 0) for v in r]) for r in tiles]
+        cv2.imwrite(a.sheet, np.hstack([np.vstack(rows[:12]), np.vstack(rows[12:])])[..., ::-1])
+
+
+# ---- mattes
+
+def gradient_error(a, m):
+    return np.mean([np.abs(np.diff(a - m, axis=k)).mean() for k in (0, 1)])
+
+
+def matte(a):
+    net = load(MatteNet(), a.weights)
+    photos, mattes = Ragged(a.cache + '/photos'), Ragged(a.cache + '/mattes')
+    pairs = [(photos[i], mattes[i] / 255) for i in np.load(a.cache + '/held.npy')]
+    sets = {'held-out photos': pairs}
+    if a.alphamatting:
+        read = lambda f: cv2.resize(cv2.imread(f), None, fx=.5, fy=.5, interpolation=cv2.INTER_AREA)
+        sets['alphamatting'] = [(read(f)[..., ::-1].copy(), read(f.replace('image.jpg', 'alpha.png'))[..., 0] / 255) for f in sorted(glob.glob(a.alphamatting + '/GT*_image.jpg'))]
+    for name, pairs in sets.items():
+        rows, flat = [], []
+        for image, m in pairs:
+            y = predict(net, image, 'cpu')
+            union = ((y > .5) | (m > .5)).sum()
+            rows.append((np.abs(y - m).mean(), gradient_error(y, m), ((y > .5) & (m > .5)).sum() / union if (m > .5).mean() > .02 else np.nan))
+            flat.append((np.abs(m.mean() - m).mean(), gradient_error(m * 0, m)))
+        e, g, i = np.nanmean(rows, 0)
+        print(f'{name}: error {e:.4f}, gradient error {g:.4f}, IoU {i:.3f}; a constant: {np.mean(flat, 0)[0]:.4f}, {np.mean(flat, 0)[1]:.4f}', flush=True)
+    if a.sheet:
+        sheet(a, lambda image: predict(net, image, 'cpu'), False)
+
+
+def sheet(a, estimate, stretch, count=24, side=200):
+    """24 held-out photos, each beside its map."""
+    photos, subject = Ragged(a.cache + '/photos'), np.load(a.cache + '/subject.npy')
+    tiles = []
+    for i in [i for i in np.load(a.cache + '/held.npy') if subject[i] == 2][1:2 * count + 1:2]:
+        y = estimate(photos[i])
+        y = (y - y.min()) / (np.ptp(y) + 1e-9) if stretch else y
+        pair = [photos[i], np.repeat((y.clip(0, 1) * 255).astype(np.uint8)[..., None], 3, 2)]
+        tiles.append(np.hstack([cv2.resize(v, (int(side * 1.2), side)) for v in pair]))
+    rows = [np.hstack(tiles[k:k + 4]) for k in range(0, len(tiles) - 3, 4)]
+    cv2.imwrite(a.sheet, np.vstack(rows)[..., ::-1])
+
+
+if __name__ == '__main__':
+    p = argparse.ArgumentParser()
+    p.add_argument('what', choices=('depth', 'inpaint', 'matte'))
+    p.add_argument('--cache', required=True)
+    p.add_argument('--weights', required=True)
+    p.add_argument('--views')
+    p.add_argument('--alphamatting')
+    p.add_argument('--sheet')
+    arguments = p.parse_args()
+    torch.set_num_threads(1)
+    cv2.setNumThreads(1)
+    globals()[arguments.what](arguments)

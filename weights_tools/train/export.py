@@ -1,0 +1,31 @@
+#!/usr/bin/python3
+"""Writes a checkpoint's averaged weights as the safetensors file that the runtime reads (float16), with its metadata.
+
+  export.py --model depth|inpaint|matte CHECKPOINT OUT.safetensors
+"""
+import argparse
+
+import torch
+
+from common import save_safetensors
+
+NOTE = ('trained on NYU Depth v2 (labelled set) and on photos from OpenImages (CC BY 2.0), ImageNet, BSDS500 and Oxford pets with '
+        'IS-Net mattes; the encoder starts from ImageNet weights: for research, see the model card')
+MODELS = {
+    'depth': ('slide_depth', 'weights_tools/train/train_depth.py: MobileNetV2 encoder, fusion decoder of 48 features; RGB/127.5 - 1, '
+                             'relative inverse depth'),
+    'inpaint': ('slide_inpaint', 'weights_tools/train/train_inpaint.py: correction of the depth-aware fill, gated convolutions, width 12'),
+    'matte': ('slide_matte', 'weights_tools/train/train_matte.py: as slide_depth, with a sigmoid: soft matte of the salient subject'),
+}
+
+p = argparse.ArgumentParser()
+p.add_argument('--model', choices=MODELS, required=True)
+p.add_argument('checkpoint')
+p.add_argument('out')
+a = p.parse_args()
+saved = torch.load(a.checkpoint, map_location='cpu')
+name, recipe = MODELS[a.model]
+metadata = {'model': name, 'recipe': recipe, 'training': f'{saved["step"]} steps, {saved["elapsed"] / 60:.0f} minutes',
+            'licence': 'Apache-2.0 for the code; weights ' + NOTE}
+save_safetensors(a.out, saved['average'], metadata)
+print(a.out, metadata['training'])
