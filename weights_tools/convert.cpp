@@ -67,7 +67,7 @@ bool copy_tensor(const WeightReader& reader, std::size_t i, DType dtype, Safeten
     const Tensor converted = Tensor::read_only(info.dtype, {count}, block.data(), nullptr).to(dtype);
     if (first_not_finite(info.dtype, block)) {
       finite = false;
-    } else if (first_not_finite(dtype, converted.raw())) {
+    } else if (dtype != info.dtype && first_not_finite(dtype, converted.raw())) {
       throw Error(ErrorKind::kBadWeights,
                   reader.path() + ": tensor " + info.name + " holds a value too large for " +
                       std::string(name_of(dtype)),
@@ -136,7 +136,7 @@ std::string listing(const WeightReader& reader) {
   text.append(std::to_string(reader.tensors().size()) + " tensors, " + std::to_string(total) + " bytes, " +
               reader.format() + "\n");
   const Detection found = detect_model(reader);
-  if (!found.model.empty()) text.append("model: " + found.model + "\n");
+  if (!found.model.empty()) text.append("fits " + found.model + "\n");
   if (!found.detail.empty()) text.append(found.detail + "\n");
   for (const auto& [key, value] : reader.metadata())
     if (!key.starts_with("crc32c")) text.append(plain(key)).append(": ").append(plain(value)).append("\n");

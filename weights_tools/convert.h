@@ -36,7 +36,7 @@ ConvertReport convert(const WeightReader& reader, const std::string& output, con
 /// How the tensors fit the models of the catalogue.
 struct Detection {
   std::string model;   ///< empty if they fit none
-  std::string detail;  ///< what is missing or unexpected, for that model or the closest; empty if nothing
+  std::string detail;  ///< what is missing or unexpected for that model or the closest, and what else fits
 };
 [[nodiscard]] Detection detect_model(const WeightReader& reader);
 

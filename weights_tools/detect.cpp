@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <memory>
+#include <tuple>
 
 #include "graphs/catalogue.h"
 #include "runtime/error.h"
@@ -54,8 +55,13 @@ std::unique_ptr<Graph> any_graph(const graphs::Model& model, const TensorList& l
 
 ModelFit fit_model(const WeightReader& reader, const std::string& name) {
   const TensorList list(reader);
-  const std::unique_ptr<Graph> graph = any_graph(graphs::find_model(name), list);
-  ModelFit result{name, fit(*graph, list), 0};
+  const graphs::Model& model = graphs::find_model(name);
+  const std::unique_ptr<Graph> graph = any_graph(model, list);
+  ModelFit result{name, fit(*graph, list), 0, {}};
+  std::erase_if(result.fit.unexpected, [&](const std::string& tensor) {
+    return std::ranges::any_of(model.unread,
+                               [&](std::string_view start) { return tensor.starts_with(start); });
+  });
   const auto parameters = std::ranges::count(graph->nodes(), NodeKind::kParameter, &Node::kind);
   const WeightFit& f = result.fit;
   result.matching =
@@ -64,22 +70,33 @@ ModelFit fit_model(const WeightReader& reader, const std::string& name) {
 }
 
 ModelFit closest_model(const WeightReader& reader) {
-  std::optional<ModelFit> best;
-  const auto better = [](const ModelFit& a, const ModelFit& b) {
-    if (a.fit.usable() != b.fit.usable()) return a.fit.usable();
-    if (a.fit.usable()) return a.fit.unexpected.size() < b.fit.unexpected.size();
-    return a.matching > b.matching;
+  const auto said = reader.metadata().find("model");
+  const auto rank = [&](const ModelFit& m) {
+    const bool named = said != reader.metadata().end() && said->second == m.model;
+    return m.fit.usable() ? std::tuple(1, -static_cast<double>(m.fit.unexpected.size()), named)
+                          : std::tuple(0, static_cast<double>(m.matching), named);
   };
+  std::optional<ModelFit> best;
   for (const graphs::Model& model : graphs::catalogue()) {
     ModelFit candidate = fit_model(reader, std::string(model.name));
-    if (!best || better(candidate, *best)) best = std::move(candidate);
+    if (!best || rank(candidate) > rank(*best)) {
+      best = std::move(candidate);
+    } else if (candidate.fit.usable() && rank(candidate) == rank(*best)) {
+      best->alike.push_back(candidate.model);
+    }
   }
   return std::move(*best);
 }
 
 Detection detect_model(const WeightReader& reader) {
   const ModelFit best = closest_model(reader);
-  if (best.fit.usable()) return {best.model, best.fit.message(reader.path())};
+  std::string detail = best.fit.message(reader.path());
+  if (best.fit.usable()) {
+    for (const std::string& other : best.alike)
+      detail.append(detail.empty() ? reader.path() + ": " : "; ")
+          .append("the tensors fit " + other + " just as well");
+    return {best.model, detail};
+  }
   if (best.matching == 0) return {"", reader.path() + ": its tensors belong to none of the models"};
   return {"", best.fit.message(reader.path() + " fits no model, " + best.model + " comes closest")};
 }

@@ -1,0 +1,236 @@
+#include "weights_tools/convert.h"
+
+#include <doctest/doctest.h>
+
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "graphs/catalogue.h"
+#include "runtime/error.h"
+#include "runtime/safetensors_writer.h"
+#include "tests/temporary_folder.h"
+
+using namespace slide;
+
+namespace {
+
+const std::string kFolder = SLIDE_TEST_DATA "/checkpoints/";
+
+/// Names and shapes without a file.
+class List : public WeightReader {
+ public:
+  std::vector<TensorInfo> list;
+  Metadata said;
+  [[nodiscard]] const std::string& path() const override { return path_; }
+  [[nodiscard]] std::string format() const override { return "list"; }
+  [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return list; }
+  [[nodiscard]] const Metadata& metadata() const override { return said; }
+  void for_each_block(std::size_t /*i*/, const Take& /*take*/) const override {
+    FAIL("no values are needed");
+  }
+
+ private:
+  std::string path_ = "w.pt";
+};
+
+std::vector<TensorInfo> parameters_of(std::string_view model) {
+  graphs::BuildOptions options;
+  options.height = options.width = 256;
+  std::vector<TensorInfo> list;
+  const std::unique_ptr<Graph> graph = graphs::build_model(model, options);
+  for (const Node& node : graph->nodes())
+    if (node.kind == NodeKind::kParameter) list.push_back({node.name, DType::kF32, node.shape});
+  return list;
+}
+
+std::string message_of(const auto& action) {
+  try {
+    action();
+  } catch (const Error& e) {
+    return e.what();
+  }
+  return "no error";
+}
+
+}  // namespace
+
+TEST_CASE("each model is recognised by the names and shapes of its tensors") {
+  for (const graphs::Model& model : graphs::catalogue()) {
+    List list;
+    list.list = parameters_of(model.name);
+    list.said["model"] = model.name;  // some models differ in what they are trained for, not in their tensors
+    const Detection found = detect_model(list);
+    CHECK(found.model == model.name);
+    list.said.clear();
+    const Detection unsaid = detect_model(list);
+    CHECK((unsaid.model == model.name || unsaid.detail.find(std::string(model.name)) != std::string::npos));
+  }
+}
+
+TEST_CASE("tensors that only the authors' files hold are expected, and models that fit alike are told") {
+  List midas;
+  midas.list = parameters_of("midas_v21_small");
+  midas.list.push_back({"scratch.refinenet4.resConfUnit1.conv1.weight", DType::kF32, {1}});
+  CHECK(detect_model(midas).model == "midas_v21_small");
+  CHECK(detect_model(midas).detail.empty());
+  List own;
+  own.list = parameters_of("slide_matte");
+  CHECK(detect_model(own).model == "slide_depth");
+  CHECK(detect_model(own).detail == "w.pt: the tensors fit slide_matte just as well");
+}
+
+TEST_CASE("tensors that fit no model are compared with the closest, in one message") {
+  List list;
+  list.list = parameters_of("u2netp");
+  const std::string gone = list.list[3].name;
+  list.list.erase(list.list.begin() + 3);
+  list.list[0].shape = Shape{1, 2};
+  list.list.push_back({"extra.weight", DType::kF32, {1}});
+  list.list.push_back({"extra.num_batches_tracked", DType::kI64, {}});
+  const Detection found = detect_model(list);
+  CHECK(found.model.empty());
+  CHECK(found.detail.find("w.pt fits no model, u2netp comes closest: missing (1): " + gone) !=
+        std::string::npos);
+  CHECK(found.detail.find(list.list[0].name + ": has 1x2, the network needs") != std::string::npos);
+  CHECK(found.detail.find("not used by the network (1): extra.weight") != std::string::npos);
+
+  List with_more;
+  with_more.list = parameters_of("u2netp");
+  with_more.list.push_back({"extra.weight", DType::kF32, {1}});
+  CHECK(detect_model(with_more).model == "u2netp");
+  CHECK(detect_model(with_more).detail == "w.pt: not used by the network (1): extra.weight");
+
+  List other;
+  other.list = {{"extra.weight", DType::kF32, {1}}};
+  CHECK(detect_model(other).detail == "w.pt: its tensors belong to none of the models");
+}
+
+TEST_CASE("a checkpoint becomes a safetensors file with the same values and the metadata") {
+  const TemporaryFolder folder;
+  const std::unique_ptr<WeightReader> reader = open_weights(kFolder + "stream.pt");
+  const std::unique_ptr<WeightReader> expected = open_weights(kFolder + "expected.safetensors");
+  for (const DType type : {DType::kF32, DType::kF16, DType::kBF16}) {
+    const ConvertReport report = convert(*reader, folder.file("w"), {.model = "any", .dtype = type});
+    CHECK(report.tensors == 26);
+    CHECK(report.warnings.empty());
+    const SafetensorsFile file = SafetensorsFile::open(folder.file("w"));
+    CHECK(file.verify_crc() == 26);
+    CHECK(file.metadata().at("source_file") == "stream.pt");
+    CHECK(file.metadata().at("source_sha256") ==
+          "4a2a89ce77b432dcc1b4b026bf4a88c364b8b836ef2214e506c501075dd19597");
+    CHECK(!file.metadata().contains("model"));
+    std::uint64_t bytes = 0;
+    for (std::size_t i = 0; i < expected->tensors().size(); ++i) {
+      const TensorInfo& info = expected->tensors()[i];
+      const bool number = info.dtype == DType::kF64 || info.dtype == DType::kF32 ||
+                          info.dtype == DType::kF16 || info.dtype == DType::kBF16;
+      const Tensor wanted = number ? load(*expected, i).to(type) : load(*expected, i);
+      const Tensor found = file.tensor(info.name);
+      CHECK(found.dtype() == wanted.dtype());
+      REQUIRE(found.shape() == wanted.shape());
+      CHECK(std::equal(found.raw().begin(), found.raw().end(), wanted.raw().begin()));
+      bytes += found.bytes();
+    }
+    CHECK(report.bytes == bytes);
+  }
+  CHECK(folder.entries() == 1);
+}
+
+TEST_CASE("a model's name is written, and what does not fit it is refused without a file left behind") {
+  const TemporaryFolder folder;
+  std::vector<std::pair<std::string, Tensor>> tensors;
+  for (const TensorInfo& info : parameters_of("u2netp"))
+    tensors.emplace_back(info.name, Tensor::zeros(DType::kF32, info.shape));
+  write_safetensors(folder.file("source"), tensors, {{"licence", "CC0"}});
+  const std::unique_ptr<WeightReader> reader = open_weights(folder.file("source"));
+  CHECK(convert(*reader, folder.file("w"), {.model = "", .dtype = DType::kBF16}).model == "u2netp");
+  const SafetensorsFile file = SafetensorsFile::open(folder.file("w"));
+  CHECK(file.metadata().at("model") == "u2netp");
+  CHECK(file.metadata().at("licence") == "CC0");
+  CHECK(file.metadata().at("source_file") == "source");
+  CHECK(message_of([&] {
+          convert(*reader, folder.file("x"), {.model = "midas_v21"});
+        }).find("source as midas_v21: missing (") != std::string::npos);
+  CHECK(message_of([&] {
+          convert(*reader, folder.file("x"), {.model = "midas"});
+        }).find("no model named midas") != std::string::npos);
+  CHECK(folder.entries() == 2);
+
+  const std::unique_ptr<WeightReader> again = open_weights(folder.file("w"));
+  convert(*again, folder.file("w2"), {.model = "u2netp"});
+  CHECK(SafetensorsFile::open(folder.file("w2")).metadata().at("source_file") == "source");
+}
+
+TEST_CASE("a value that the dtype cannot hold is an error, one that was never finite a warning") {
+  const TemporaryFolder folder;
+  write_safetensors(folder.file("large"),
+                    {{"a", Tensor::from<float>({2}, std::vector<float>{1.0F, 70000.0F})}});
+  write_safetensors(
+      folder.file("nan"),
+      {{"a", Tensor::from<float>({1}, std::vector<float>{std::numeric_limits<float>::quiet_NaN()})}});
+  const auto large = open_weights(folder.file("large"));
+  CHECK(message_of([&] {
+          convert(*large, folder.file("x"), {.model = "any", .dtype = DType::kF16});
+        }).find("tensor a holds a value too large for F16 (choose another --dtype)") != std::string::npos);
+  CHECK(folder.entries() == 2);
+  CHECK(convert(*large, folder.file("x"), {.model = "any", .dtype = DType::kBF16}).warnings.empty());
+  const auto nan = open_weights(folder.file("nan"));
+  const ConvertReport report = convert(*nan, folder.file("x"), {.model = "any", .dtype = DType::kF16});
+  REQUIRE(report.warnings.size() == 1);
+  CHECK(report.warnings[0].find("tensor a holds values that are not finite") != std::string::npos);
+  CHECK(message_of([&] {
+          static_cast<void>(verify(*nan));
+        }).find("tensor a: element 0 is not a finite number") != std::string::npos);
+}
+
+TEST_CASE("the hash that a file's name promises is compared with the file's") {
+  CHECK(hash_in_name("/x/midas_v21-f6b98070.pt") == "f6b98070");
+  CHECK(hash_in_name("midas_v21_small-70d6b9c8.pt") == "70d6b9c8");
+  CHECK(!hash_in_name("a-b/midas.pt"));
+  CHECK(!hash_in_name("model-small.pt"));
+  CHECK(!hash_in_name("model-beef.pt"));
+  CHECK(!hash_in_name("model-.pt"));
+  CHECK(!hash_in_name("f6b98070.pt"));
+
+  const TemporaryFolder folder;
+  const std::vector<std::byte> bytes = bytes_of_file(kFolder + "tiny_zip.pt");
+  for (const auto& [name, warnings] : {std::pair("w-3aa34546df.pt", 0U), std::pair("w-00000000.pt", 1U)}) {
+    write_bytes(folder.file(name), bytes);
+    const ConvertReport report =
+        convert(*open_weights(folder.file(name)), folder.file("out"), {.model = "any"});
+    CHECK(report.warnings.size() == warnings);
+    if (warnings > 0)
+      CHECK(report.warnings[0].find("promises a SHA-256 that starts with 00000000") != std::string::npos);
+  }
+}
+
+TEST_CASE("a listing shows every tensor, the total and the metadata") {
+  const TemporaryFolder folder;
+  write_safetensors(
+      folder.file("w"),
+      {{"conv.weight", Tensor::zeros(DType::kF32, {2, 3, 1, 1})}, {"n", Tensor::zeros(DType::kI64, {})}},
+      {{"licence", "CC\x1b[0"}});
+  const std::string text = listing(*open_weights(folder.file("w")));
+  CHECK(text.find("conv.weight  F32    2x3x1x1     24\n") != std::string::npos);
+  CHECK(text.find("n            I64    scalar       8\n") != std::string::npos);
+  CHECK(text.find("2 tensors, 32 bytes, safetensors\n") != std::string::npos);
+  CHECK(text.find("licence: CC?[0\n") != std::string::npos);
+  CHECK(text.find("crc32c") == std::string::npos);
+}
+
+TEST_CASE("verification reads everything and says what it could compare") {
+  CHECK(verify(*open_weights(kFolder + "zip.pt"))
+            .find("26 tensors, the archive's checksums match, all values are finite") != std::string::npos);
+  CHECK(verify(*open_weights(kFolder + "stream.pt")).find("26 tensors, it has no checksums, all") !=
+        std::string::npos);
+  const TemporaryFolder folder;
+  write_safetensors(folder.file("w"), {{"a", Tensor::zeros(DType::kF32, {4})}});
+  CHECK(verify(*open_weights(folder.file("w"))).find("all checksums match") != std::string::npos);
+  std::vector<std::byte> bytes = bytes_of_file(folder.file("w"));
+  bytes.back() ^= std::byte{1};
+  write_bytes(folder.file("w"), bytes);
+  CHECK(message_of([&] {
+          static_cast<void>(verify(*open_weights(folder.file("w"))));
+        }).find("does not match its checksum") != std::string::npos);
+}
