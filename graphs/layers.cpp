@@ -31,13 +31,13 @@ Value conv2d_tf_same(Value x, std::string_view name, const ConvLayer& layer) {
   params.stride = {layer.stride, layer.stride};
   params.dilation = {layer.dilation, layer.dilation};
   params.groups = layer.groups;
-  for (int axis = 0; axis < 2; ++axis) {
-    const std::int64_t size = x.shape()[2 + axis];
+  for (std::size_t axis = 0; axis < 2; ++axis) {
+    const std::int64_t size = x.shape().extents()[2 + axis];
     const std::int64_t output = (size + layer.stride - 1) / layer.stride;
     const std::int64_t covered = (output - 1) * layer.stride + layer.dilation * (layer.kernel - 1) + 1;
     const std::int64_t total = std::max<std::int64_t>(covered - size, 0);
-    params.padding[static_cast<std::size_t>(axis)] = total / 2;
-    params.padding[static_cast<std::size_t>(axis + 2)] = total - total / 2;
+    params.padding[axis] = total / 2;
+    params.padding[axis + 2] = total - total / 2;
   }
   return convolve(x, name, layer, params);
 }

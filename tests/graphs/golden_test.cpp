@@ -22,10 +22,12 @@ namespace {
 constexpr double kOutputTolerance = 1e-9;
 constexpr double kTapTolerance = 1e-6;
 
-/// `fast_tolerance`: how far the float32 kernels' outputs may be from PyTorch's in float64, as part of the
-/// largest magnitude: rounding errors carried through the whole network. What was measured is in
-/// docs/networks.md.
-void check_golden(const std::string& network, double fast_tolerance) {
+/// How far the float32 kernels' outputs may be from PyTorch's in float64, as part of the largest magnitude:
+/// rounding errors carried through the whole network. PyTorch's own float32 is up to 8.5e-5 away (u2netp),
+/// ours 7.1e-5: see docs/networks.md.
+constexpr double kFastTolerance = 1e-4;
+
+void check_golden(const std::string& network) {
   const Golden golden = golden_file(network);
   REQUIRE(golden.network() == network);
   const FormulaWeights formula = golden.weights();
@@ -48,38 +50,36 @@ void check_golden(const std::string& network, double fast_tolerance) {
   fast.run(golden.inputs(*graph));
   for (const GoldenError& e : golden.compare([&](const std::string& name) { return fast.tensor(name); })) {
     CAPTURE(e.name);
-    if (e.output) CHECK(e.error <= fast_tolerance);
+    if (e.output) CHECK(e.error <= kFastTolerance);
   }
 }
 
 }  // namespace
 
-TEST_CASE("inpaint_coarse gives the numbers of its definition in PyTorch") {
-  check_golden("inpaint_coarse", 1e-5);
-}
+TEST_CASE("inpaint_coarse gives the numbers of its definition in PyTorch") { check_golden("inpaint_coarse"); }
 
 TEST_CASE("inpaint_deepfill gives the numbers of nipponjo's PyTorch code") {
-  check_golden("inpaint_deepfill", 1e-5);
+  check_golden("inpaint_deepfill");
 }
 
 TEST_CASE("midas_v21_small gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("midas_v21_small", 1e-5);
+  check_golden("midas_v21_small");
 }
 
 TEST_CASE("midas_v21 gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("midas_v21", 1e-5);
+  check_golden("midas_v21");
 }
 
 TEST_CASE("u2netp gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("u2netp", 1e-5);
+  check_golden("u2netp");
 }
 
 TEST_CASE("u2net gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("u2net", 1e-5);
+  check_golden("u2net");
 }
 
 TEST_CASE("fba gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("fba", 1e-5);
+  check_golden("fba");
 }
 
 TEST_CASE("fba standardises raw filters as the authors' eval() does" * doctest::skip(quick())) {

@@ -84,22 +84,26 @@ TEST_CASE("an unknown model's message lists the known ones") {
 }
 
 TEST_CASE("a size that a network cannot take is a usage error that names the network and the multiple") {
-  const std::vector<std::pair<std::string, std::array<std::int64_t, 2>>> wrong{{"midas_v21", {96, 100}},
-                                                                               {"midas_v21_small", {31, 32}},
-                                                                               {"inpaint_coarse", {70, 64}},
-                                                                               {"inpaint_deepfill", {64, 68}},
-                                                                               {"fba", {60, 64}},
-                                                                               {"u2net", {0, 320}},
-                                                                               {"u2netp", {-1, 5}}};
-  for (const auto& [name, size] : wrong) {
-    CAPTURE(name);
-    const BuildOptions options{.height = size[0], .width = size[1]};
-    CHECK(kind_of([&] { (void)build_model(name, options); }) == ErrorKind::kUsage);
-    const std::string message = message_of([&] { (void)build_model(name, options); });
-    CHECK(contains(message, name));
-    CHECK(contains(message, std::to_string(size[0]) + "x" + std::to_string(size[1])));
-    if (find_model(name).size.multiple > 1)
-      CHECK(contains(message, "multiples of " + std::to_string(find_model(name).size.multiple)));
+  struct Case {
+    std::string name;
+    std::int64_t height, width;
+  };
+  const std::vector<Case> wrong{{"midas_v21", 96, 100},
+                                {"midas_v21_small", 31, 32},
+                                {"inpaint_coarse", 70, 64},
+                                {"inpaint_deepfill", 64, 68},
+                                {"fba", 60, 64},
+                                {"u2net", 0, 320},
+                                {"u2netp", -1, 5}};
+  for (const Case& c : wrong) {
+    CAPTURE(c.name);
+    const BuildOptions options{.height = c.height, .width = c.width};
+    CHECK(kind_of([&] { (void)build_model(c.name, options); }) == ErrorKind::kUsage);
+    const std::string message = message_of([&] { (void)build_model(c.name, options); });
+    CHECK(contains(message, c.name));
+    CHECK(contains(message, std::to_string(c.height) + "x" + std::to_string(c.width)));
+    if (find_model(c.name).size.multiple > 1)
+      CHECK(contains(message, "multiples of " + std::to_string(find_model(c.name).size.multiple)));
   }
 }
 
