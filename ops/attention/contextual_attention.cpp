@@ -70,8 +70,6 @@ double ContextualAttentionOp::macs(std::span<const Shape> inputs, const Shape& /
   return n * n * values_per_pair;
 }
 
-std::span<const Kernel* const> ContextualAttentionOp::kernels() const { return {}; }
-
 Value contextual_attention(Value foreground, Value background, Value mask,
                            const ContextualAttentionParams& params, std::optional<Value> fuse_weight) {
   std::vector<Value> inputs{foreground, background, mask};

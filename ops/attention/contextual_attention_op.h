@@ -29,7 +29,8 @@ class ContextualAttentionOp : public Op {
   /// With E the scores' own scale (the same steps over absolute values), a relative error of the scores of
   /// u·E changes A[l,p] by the factor e^(softmax_scale·u·(E[l,p] + mean of E[.,p] under the softmax)) at
   /// most, so
-  ///   sum over the patches of A · |background| / 4 · (1 + softmax_scale · (E + mean E)) + 2^-102.
+  ///   sum over the patches of (A + 2^-102) · |background| / 4 · (1 + softmax_scale · (E + mean E)) + 2^-102,
+  /// 2^-102 for what is flushed to zero.
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
   [[nodiscard]] double macs(std::span<const Shape> inputs, const Shape& output) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;

@@ -221,7 +221,8 @@ void ContextualAttentionOp::error_scale(std::span<const Tensor> inputs, const Te
   for (std::size_t p = 0; p < n; ++p) {
     double mean = 0;
     for (std::size_t l = 0; l < n; ++l) mean += weights[l * n + p] * e[l * n + p];
-    for (std::size_t l = 0; l < n; ++l) weights[l * n + p] *= 1 + steepness * (e[l * n + p] + mean);
+    for (std::size_t l = 0; l < n; ++l)
+      weights[l * n + p] = (weights[l * n + p] + 0x1p-102) * (1 + steepness * (e[l * n + p] + mean));
   }
   multiply_rows(weights, m);
   const std::vector<double> absolute = magnitudes(inputs[1].data<double>());

@@ -87,6 +87,38 @@ TEST_CASE("one position attends to itself whatever its score") {
   for (std::size_t i = 0; i < 12; ++i) CHECK(y.data<double>()[i] == b.data<double>()[i] / 4);
 }
 
+TEST_CASE("every kernel of contextual attention keeps its bound") {
+  const auto levels = static_cast<int>(available_isas().size());
+  struct Case {
+    const char* what;
+    Shape features;
+    Tensor mask;
+    ops::ContextualAttentionParams params;
+    double sigma;
+  };
+  const Case cases[] = {
+      {"a hole inside", {1, 5, 12, 18}, hole(24, 36, 8, 16, 10, 24), {}, 1.0},
+      {"no hole", {1, 3, 16, 8}, hole(16, 8, 0, 0, 0, 0), {}, 1.0},
+      {"nothing but hole", {1, 2, 8, 8}, hole(8, 8, 0, 8, 0, 8), {}, 1.0},
+      {"one row of positions", {1, 3, 2, 20}, hole(4, 40, 0, 4, 8, 16), {}, 1.0},
+      {"one column of positions", {1, 3, 20, 2}, hole(20, 2, 4, 8, 0, 2), {}, 1.0},
+      {"one position", {1, 4, 2, 2}, hole(2, 2, 0, 0, 0, 0), {}, 1.0},
+      {"steep scores", {1, 8, 10, 14}, hole(10, 14, 2, 6, 4, 8), {3, 2, 100.0, 3}, 10.0},
+      {"flat scores", {1, 4, 10, 14}, hole(10, 14, 2, 6, 4, 8), {}, 1e-6},
+      {"other sizes", {1, 3, 15, 18}, hole(15, 18, 3, 6, 3, 9), {5, 3, 10.0, 5}, 1.0},
+      {"no fusing", {1, 3, 8, 10}, hole(8, 10, 2, 4, 2, 4), {1, 1, 10.0, 1}, 1.0},
+  };
+  for (const Case& c : cases) {
+    INFO(c.what);
+    const Tensor f = random_tensor(c.features, 6, c.sigma);
+    const Tensor b = random_tensor(c.features, 7, c.sigma);
+    const Tensor fuse = random_tensor({1, 1, c.params.fuse, c.params.fuse}, 8, 0.5);
+    CHECK(check_kernels(attention({f, b, c.mask}, c.params)) == levels);
+    CHECK(check_kernels(attention({b, b, c.mask, fuse}, c.params)) == levels);
+    CHECK(check_kernels(attention({f, b, c.mask}, c.params), true) == levels);
+  }
+}
+
 TEST_CASE("contextual attention says what does not fit") {
   const auto shapes = [](const Shape& f, const Shape& b, const Shape& mask) {
     return attention({filled(f, 0), filled(b, 0), filled(mask, 0)});
