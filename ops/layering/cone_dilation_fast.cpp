@@ -66,19 +66,27 @@ class ConeDilationKernel : public LevelKernel<ConeDilationOp, LayeringRoutines> 
     std::vector<float> memory(2 * length * lanes + cone_scratch(radius, lanes));
     float* const source = memory.data();
     float* const result = source + length * lanes;
-    const auto count = static_cast<std::size_t>(lines.count);
-    for (std::size_t i = 0; i < length; ++i)
-      for (std::size_t l = 0; l < lanes; ++l)
-        source[i * lanes + l] = x[static_cast<std::int64_t>(std::min(l, count - 1)) * lines.line_step +
-                                  static_cast<std::int64_t>(i) * lines.step];
+    gather(x, lines, static_cast<std::int64_t>(lanes), source);
     routines().cone_lines(source, length, radius, static_cast<float>(op.rho()), result,
                           result + length * lanes);
-    for (std::size_t i = 0; i < length; ++i)
-      for (std::size_t l = 0; l < count; ++l) {
-        float& to =
-            y[static_cast<std::int64_t>(l) * lines.line_step + static_cast<std::int64_t>(i) * lines.step];
-        to = join ? larger(result[i * lanes + l], to) : result[i * lanes + l];
-      }
+    for (std::int64_t i = 0; i < lines.length; ++i) {
+      const float* from = result + i * static_cast<std::int64_t>(lanes);
+      float* to = y + i * lines.step;
+      for (std::int64_t l = 0; l < lines.count; ++l)
+        to[l * lines.line_step] = join ? larger(from[l], to[l * lines.line_step]) : from[l];
+    }
+  }
+
+  static void gather(const float* x, const Lines& lines, std::int64_t lanes, float* source) {
+    for (std::int64_t i = 0; i < lines.length; ++i) {
+      const float* from = x + i * lines.step;
+      float* to = source + i * lanes;
+      if (lines.line_step == 1)
+        std::copy(from, from + lines.count, to);
+      else
+        for (std::int64_t l = 0; l < lines.count; ++l) to[l] = from[l * lines.line_step];
+      std::fill(to + lines.count, to + lanes, to[lines.count - 1]);
+    }
   }
 };
 
