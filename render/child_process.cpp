@@ -9,6 +9,9 @@
 #include <array>
 #include <cerrno>
 #include <csignal>
+#include <cstdlib>
+#include <filesystem>
+#include <sstream>
 #include <system_error>
 
 #include "runtime/error.h"
@@ -35,6 +38,19 @@ struct SpawnOptions {
   SpawnOptions& operator=(const SpawnOptions&) = delete;
 };
 
+/// The first executable file of that name in the folders of PATH, empty if there is none.
+std::string find_on_path(const std::string& program) {
+  const char* path = std::getenv("PATH");
+  std::istringstream folders(path != nullptr ? path : "/usr/local/bin:/usr/bin:/bin");
+  for (std::string folder; std::getline(folders, folder, ':');) {
+    const std::string candidate = (folder.empty() ? "." : folder) + "/" + program;
+    std::error_code code;
+    if (std::filesystem::is_regular_file(candidate, code) && ::access(candidate.c_str(), X_OK) == 0)
+      return candidate;
+  }
+  return "";
+}
+
 int wait_for(pid_t pid) {
   int status = 0;
   while (::waitpid(pid, &status, 0) < 0 && errno == EINTR) {
@@ -46,6 +62,8 @@ int wait_for(pid_t pid) {
 
 ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std::string& remedy)
     : program_(arguments.at(0)) {
+  const std::string executable = find_on_path(program_);
+  if (executable.empty()) throw Error(ErrorKind::kUsage, program_ + " was not found on PATH", remedy);
   // A socket, not a pipe: send() can be told to raise no SIGPIPE.
   std::array<int, 2> ends{};
   output_.reset(std::tmpfile());
@@ -67,14 +85,12 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   const int code =
-      ::posix_spawnp(&pid_, argv[0], &options.actions, &options.attributes, argv.data(), environ);
+      ::posix_spawn(&pid_, executable.c_str(), &options.actions, &options.attributes, argv.data(), environ);
   ::close(ends[1]);
   if (code == 0) return;
   pid_ = -1;
   ::close(input_);
-  throw Error(ErrorKind::kUsage,
-              code == ENOENT ? program_ + " was not found on PATH"
-                             : "cannot start " + program_ + ": " + std::generic_category().message(code),
+  throw Error(ErrorKind::kUsage, "cannot start " + executable + ": " + std::generic_category().message(code),
               remedy);
 }
 

@@ -67,9 +67,9 @@ struct Grid {
 
 Grid grid_for(const Image& map, int mesh_side) {
   const int longer = std::max(map.width, map.height);
-  const double scale = std::min(1.0, static_cast<double>(mesh_side - 1) / longer);
+  const double scale = std::min(1.0, static_cast<double>(mesh_side) / longer);
   const auto vertices = [scale](int pixels) {
-    return std::max(2, static_cast<int>(std::lround(pixels * scale)) + 1);
+    return std::max(2, static_cast<int>(std::lround(pixels * scale)));
   };
   return {vertices(map.width), vertices(map.height)};
 }
@@ -80,8 +80,8 @@ std::vector<std::uint8_t> packed_disparity(const Image& map, const Grid& grid) {
   std::vector<std::uint8_t> samples;
   for (int row = 0; row < grid.rows; ++row) {
     for (int column = 0; column < grid.columns; ++column) {
-      const double x = static_cast<double>(column) * map.width / (grid.columns - 1) - 0.5;
-      const double y = static_cast<double>(row) * map.height / (grid.rows - 1) - 0.5;
+      const double x = static_cast<double>(column) * (map.width - 1) / (grid.columns - 1);
+      const double y = static_cast<double>(row) * (map.height - 1) / (grid.rows - 1);
       const auto v = static_cast<unsigned>(std::lround(sample(map, x, y) * 65535.0F));
       samples.push_back(static_cast<std::uint8_t>(v >> 8U));
       samples.push_back(static_cast<std::uint8_t>(v & 0xFFU));

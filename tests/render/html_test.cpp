@@ -65,32 +65,32 @@ TEST_CASE("Base64 gives RFC 4648's test vectors") {
 TEST_CASE("The viewer's page holds the layers, with disparity in 16 bits at the mesh's vertices") {
   const slide::Layers scene = sample_scene(60, 40);
   slide::HtmlOptions options;
-  options.mesh_side = 31;
+  options.mesh_side = 30;
   const std::string page = slide::encode_html(scene, slide::make_camera(60, 40), options);
   const Json json = scene_of(page);
   CHECK(json["width"] == 60);
   CHECK(json["height"] == 40);
   CHECK(json["parallax"].get<double>() == doctest::Approx(2.4));
   const Json& layer = json["foreground"];
-  CHECK(layer["columns"] == 31);
-  CHECK(layer["rows"] == 21);
+  CHECK(layer["columns"] == 30);
+  CHECK(layer["rows"] == 20);
   const DecodedPng disparity = independent_png(payload(layer["disparity"]));
-  REQUIRE(disparity.width == 31);
-  REQUIRE(disparity.height == 21);
+  REQUIRE(disparity.width == 30);
+  REQUIRE(disparity.height == 20);
   REQUIRE(disparity.channels == 3);
   const DecodedPng alpha = independent_png(payload(layer["alpha"]));
   CHECK(alpha.width == 60);
   CHECK(alpha.channels == 1);
   CHECK(slide::decode_photo(payload(layer["colour"]), "colour").colour.width == 60);
   const auto value_at = [&](int column, int row) {
-    const auto i = static_cast<std::size_t>((row * 31 + column) * 3);
+    const auto i = static_cast<std::size_t>((row * 30 + column) * 3);
     return disparity.samples[i] * 256 + disparity.samples[i + 1];
   };
   CHECK(value_at(0, 0) == 0);
-  CHECK(value_at(15, 10) == 65535);  // at (29.5, 19.5), inside the square
-  // Column c lies at x = 2c - 0.5; rings of disparity 2/3 and 1/3 begin 7 pixels from (30, 20). At x = 37.5:
-  // mean of both.
-  CHECK(std::abs(value_at(19, 10) - 65535 * 0.5) <= 1);
+  CHECK(value_at(15, 10) == 65535);  // inside the square
+  // Column c lies at x = 59 c / 29. The square is centred at x = 30; beyond 7 pixels from there the disparity
+  // falls from 1 by a half a pixel. Column 19 is 8.6552 pixels from the centre.
+  CHECK(std::abs(value_at(19, 10) - 65535 * (1 - (59 * 19 / 29.0 - 37) / 2)) <= 1);
   CHECK(page.find("http://") == std::string::npos);
   CHECK(page.find("https://") == std::string::npos);
   CHECK(page.find("{{") == std::string::npos);
