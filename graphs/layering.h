@@ -10,13 +10,13 @@ namespace slide::graphs {
 /// The parameters of soft layering (Jampani et al., ICCV 2021, section 3.2; spec section 2). What is not set
 /// follows from the largest parallax of the camera path.
 struct LayeringParams {
-  double parallax = 0;          ///< P, pixels: disparity 1 against disparity 0 over the whole path; >= 0
-  std::optional<double> beta;   ///< steepness of the visibility; default 4·ln2·P²
-  std::optional<double> gamma;  ///< steepness of the disocclusion; default P
-  std::optional<double> rho;    ///< disparity that one pixel of distance is worth; default 1/P
-  std::optional<std::int64_t> radius;  ///< m, pixels; default ceil(P)
-  double sigma = 1;                    ///< of the conditioning blur, pixels
-  std::int64_t maxpool = 3;            ///< k of the conditioning max-pool, odd
+  double parallax = 0;               ///< P, pixels: disparity 1 against disparity 0 over the whole path; >= 0
+  std::optional<double> beta = {};   ///< steepness of the visibility; default 4·ln2·P²
+  std::optional<double> gamma = {};  ///< steepness of the disocclusion; default P
+  std::optional<double> rho = {};    ///< disparity that one pixel of distance is worth; default 1/P
+  std::optional<std::int64_t> radius = {};  ///< m, pixels; default ceil(P)
+  double sigma = 1;                         ///< of the conditioning blur, pixels
+  std::int64_t maxpool = 3;                 ///< k of the conditioning max-pool, odd
 };
 
 /// The same with every value decided.

@@ -13,7 +13,7 @@ using slide::test::ProgramResult;
 namespace {
 
 const std::string kData = SLIDE_TEST_DATA;
-const std::string kGolden = kData + "/networks/midas_v21_small.safetensors";
+const std::string kGolden = kData + "/networks/inpaint_coarse.safetensors";
 
 ProgramResult slide_check(const std::vector<std::string>& arguments) {
   return slide::test::run_program(SLIDE_CHECK, arguments);
@@ -36,8 +36,7 @@ bool contains(const std::string& text, const std::string& part) {
 }  // namespace
 
 TEST_CASE("slide_check op passes a folder of cases and says so") {
-  const ProgramResult result =
-      slide_check({"op", kData + "/onnx_cases"});
+  const ProgramResult result = slide_check({"op", kData + "/onnx_cases"});
   CHECK(result.code == 0);
   CHECK(result.errors.empty());
   CHECK(contains(result.output, "float64 definition"));
@@ -69,10 +68,10 @@ TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
   CHECK(slide_check({"op", "--isa", "mmx", junk}).code == 2);
   CHECK(slide_check({"op", junk}).code == 3);
   CHECK(slide_check({"net", "no_such_model", "--formula-weights", "--golden", kGolden}).code == 2);
-  CHECK(slide_check({"net", "u2netp", "--formula-weights", "--golden", kGolden}).code == 2);
-  CHECK(slide_check({"net", "midas_v21_small", "--golden", kGolden}).code == 2);
-  CHECK(slide_check({"net", "midas_v21_small", "--formula-weights", "--golden", junk}).code == 3);
-  CHECK(slide_check({"net", "midas_v21_small", "--weights", junk, "--golden", kGolden}).code == 4);
+  CHECK(slide_check({"net", "fba", "--formula-weights", "--golden", kGolden}).code == 2);
+  CHECK(slide_check({"net", "inpaint_coarse", "--golden", kGolden}).code == 2);
+  CHECK(slide_check({"net", "inpaint_coarse", "--formula-weights", "--golden", junk}).code == 3);
+  CHECK(slide_check({"net", "inpaint_coarse", "--weights", junk, "--golden", kGolden}).code == 4);
   CHECK(slide_check({"compare", "u2netp", "--formula-weights", "--image", junk}).code == 3);
   CHECK(slide_check({"compare", "u2netp", "--weights", junk, "--image", kData + "/images/none.png"}).code ==
         4);
@@ -83,11 +82,11 @@ TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
 
 TEST_CASE("slide_check net compares a golden run") {
   const ProgramResult result =
-      slide_check({"net", "midas_v21_small", "--formula-weights", "--golden", kGolden, "--json"});
+      slide_check({"net", "inpaint_coarse", "--formula-weights", "--golden", kGolden, "--json"});
   CHECK(result.code == 0);
   const nlohmann::json json = nlohmann::json::parse(result.output);
   CHECK(json["passed"] == true);
-  CHECK(json["model"] == "midas_v21_small");
+  CHECK(json["model"] == "inpaint_coarse");
   for (const auto& tensor : json["tensors"]) CHECK(tensor["float64_vs_golden"] <= tensor["tolerance"]);
   for (const auto& node : json["nodes"]) CHECK(node["of_bound"] <= 1);
 }

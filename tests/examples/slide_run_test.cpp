@@ -1,0 +1,198 @@
+#include <doctest/doctest.h>
+
+#include <filesystem>
+#include <nlohmann/json.hpp>
+
+#include "render/image_file.h"
+#include "render/write_image.h"
+#include "tests/examples/program.h"
+
+using namespace slide;
+using slide::test::ProgramResult;
+
+namespace {
+
+namespace fs = std::filesystem;
+
+ProgramResult slide_run(const std::vector<std::string>& arguments) {
+  return slide::test::run_program(SLIDE_RUN, arguments);
+}
+
+bool contains(const std::string& text, const std::string& part) {
+  return text.find(part) != std::string::npos;
+}
+
+/// A checkered wall behind a disc, 96×64, and its disparity.
+struct Scene {
+  explicit Scene(const TemporaryFolder& folder, double relief = 1)
+      : photo(folder.file("photo.png")), depth(folder.file("depth.pfm")) {
+    Image colour(96, 64, 3);
+    Image disparity(96, 64, 1);
+    for (int y = 0; y < 64; ++y)
+      for (int x = 0; x < 96; ++x) {
+        const bool disc = (x - 48) * (x - 48) + (y - 32) * (y - 32) < 300;
+        disparity.at(x, y) = disc ? static_cast<float>(relief) : 0.0F;
+        colour.at(x, y, 0) = disc ? 0.9F : 0.1F;
+        colour.at(x, y, 1) = (x / 8 + y / 8) % 2 == 0 ? 0.6F : 0.3F;
+        colour.at(x, y, 2) = disc ? 0.1F : 0.8F;
+      }
+    write_png(photo, colour);
+    write_pfm(depth, disparity);
+  }
+  std::string photo, depth;
+};
+
+}  // namespace
+
+TEST_CASE(
+    "a photo with a depth map becomes a page, a model, an animation, a folder of frames and maps at once") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const ProgramResult result =
+      slide_run({scene.photo, "--depth", scene.depth, "-o", folder.file("{}.html"), "-o",
+                 folder.file("{}.glb"), "-o", folder.file("{}.gif"), "-o", folder.file("frames"), "--frames",
+                 "5", "--layers", folder.file("layers"), "--dump-masks", folder.file("masks"), "--json"});
+  REQUIRE_MESSAGE(result.code == 0, result.errors);
+  const nlohmann::json report = nlohmann::json::parse(result.output)["photos"][0];
+  for (const std::string output : report["outputs"]) CHECK(fs::file_size(output) > 0);
+  for (const char* name :
+       {"photo.html", "photo.glb", "photo.gif", "frames/frame_0004.png", "layers/image.png",
+        "layers/background.png", "layers/D.pfm", "layers/D1.pfm", "layers/A.pfm", "layers/S.pfm",
+        "layers/S_hat.pfm", "layers/D_bg.pfm", "masks/photo.occlusion.png", "masks/photo.strokes.png"})
+    CHECK_MESSAGE(fs::exists(folder.file(name)), name);
+  CHECK(report["parallax_pixels"].get<double>() == doctest::Approx(96 * 0.04));
+  CHECK(report["relief"] == true);
+  CHECK(report["hole_fraction"].get<double>() > 0.01);
+  CHECK(report["window_fraction"].get<double>() <= 1.0);
+  // The background is never nearer than what covers it, and differs from the photo only where there is a
+  // hole.
+  const Image d1 = read_map(folder.file("layers/D1.pfm"));
+  const Image d_bg = read_map(folder.file("layers/D_bg.pfm"));
+  for (std::size_t i = 0; i < d1.data.size(); ++i) REQUIRE(d_bg.data[i] <= d1.data[i]);
+}
+
+TEST_CASE("a scene without relief is one layer, and the report says that nothing was inpainted") {
+  const TemporaryFolder folder;
+  const Scene scene(folder, 0);
+  const ProgramResult result = slide_run({scene.photo, "--depth", scene.depth, "-o", folder.file("{}.html"),
+                                          "--layers", folder.file("layers"), "--json"});
+  REQUIRE_MESSAGE(result.code == 0, result.errors);
+  const nlohmann::json report = nlohmann::json::parse(result.output)["photos"][0];
+  CHECK(report["relief"] == false);
+  CHECK(contains(report["inpainting"], "none"));
+  CHECK(!fs::exists(folder.file("layers/background.png")));
+}
+
+TEST_CASE("the same bytes come out at one and at three threads") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  for (const char* threads : {"1", "3"}) {
+    const std::string out = folder.file(std::string("t") + threads);
+    REQUIRE(slide_run({scene.photo, "--depth", scene.depth, "--threads", threads, "-o", out + ".glb", "-o",
+                       out + ".gif", "-o", out + ".html", "--frames", "3", "-q"})
+                .code == 0);
+  }
+  for (const char* extension : {".glb", ".gif", ".html"})
+    CHECK_MESSAGE(bytes_of_file(folder.file(std::string("t1") + extension)) ==
+                      bytes_of_file(folder.file(std::string("t3") + extension)),
+                  extension);
+}
+
+TEST_CASE("one bad file does not stop the others, and the exit code says that some failed") {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.file("photos"));
+  const Scene scene(folder);
+  fs::copy(scene.photo, folder.file("photos/good.png"));
+  write_bytes(folder.file("photos/bad.jpg"), std::as_bytes(std::span("not a photo", 11)));
+  const ProgramResult result = slide_run(
+      {folder.file("photos"), "-o", folder.file("{}.y4m"), "--frames", "2", "--depth-weights", "formula",
+       "--depth-model", "slide_depth", "--inpaint-weights", "formula", "--inpaint-model", "inpaint_coarse"});
+  CHECK(result.code == 1);
+  CHECK(contains(result.errors, "bad.jpg"));
+  CHECK(contains(result.errors, "2 photos, 1 done, 1 failed"));
+  CHECK(fs::exists(folder.file("good.y4m")));
+  CHECK(!fs::exists(folder.file("bad.y4m")));
+}
+
+TEST_CASE("wrong calls are refused with exit code 2 before any work") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const std::vector<std::vector<std::string>> calls = {
+      {},
+      {scene.photo, "--no-such-flag"},
+      {scene.photo, "--parallax", "80"},
+      {scene.photo, "-o", folder.file("x.doc")},
+      {scene.photo, "--stereo", "sbs", "-o", folder.file("x.gif")},
+      {scene.photo, scene.photo, "-o", folder.file("x.gif")},
+      {scene.photo, "--max-memory", "lots"},
+      {scene.photo, "--size", "12x"},
+      {scene.photo, "--isa", "mmx"},
+      {scene.photo, "--depth", scene.depth, "--near", "5", "--far", "2"},
+      {scene.photo, "--depth", scene.depth, "--depth-kind", "deep"},
+      {scene.photo, "--depth", scene.depth, "--maxpool", "4"},
+      {scene.photo, "--depth", scene.depth, "--path", "spiral"},
+  };
+  for (const auto& call : calls) {
+    const ProgramResult result = slide_run(call);
+    CHECK_MESSAGE(result.code == 2, result.errors);
+    CHECK(!result.errors.empty());
+  }
+  CHECK(folder.entries() == 2);
+}
+
+TEST_CASE(
+    "bad inputs, bad weights and too little memory have their own exit codes, and leave nothing behind") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  CHECK(slide_run({folder.file("missing.jpg")}).code == 3);
+  Image nan(96, 64, 1, 0.5F);
+  nan.at(7, 3) = std::numeric_limits<float>::quiet_NaN();
+  write_pfm(folder.file("nan.pfm"), nan);
+  const ProgramResult bad_depth = slide_run({scene.photo, "--depth", folder.file("nan.pfm")});
+  CHECK(bad_depth.code == 3);
+  CHECK(contains(bad_depth.errors, "(7, 3)"));
+  write_bytes(folder.file("w.safetensors"), std::as_bytes(std::span("nonsense", 8)));
+  CHECK(slide_run({scene.photo, "--depth-weights", folder.file("w.safetensors")}).code == 4);
+  const ProgramResult memory = slide_run({scene.photo, "--depth", scene.depth, "--max-memory", "20M"});
+  CHECK(memory.code == 5);
+  CHECK(contains(memory.errors, "MiB"));
+  CHECK(folder.entries() == 4);
+}
+
+TEST_CASE("stereo stills have the shape they should") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  REQUIRE(
+      slide_run({scene.photo, "--depth", scene.depth, "--stereo", "sbs", "-o", folder.file("s.png"), "-q"})
+          .code == 0);
+  REQUIRE(slide_run(
+              {scene.photo, "--depth", scene.depth, "--stereo", "anaglyph", "-o", folder.file("a.jpg"), "-q"})
+              .code == 0);
+  CHECK(read_photo(folder.file("s.png")).colour.width == 192);
+  CHECK(read_photo(folder.file("a.jpg")).colour.width == 96);
+}
+
+TEST_CASE("frames can go to standard output") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const ProgramResult result = slide_run({scene.photo, "--depth", scene.depth, "-o", "-", "--frames", "2"});
+  CHECK(result.code == 0);
+  CHECK(result.output.starts_with("YUV4MPEG2 W96 H64"));
+}
+
+TEST_CASE("help shows the defaults, version shows the build, plan shows the kernels") {
+  const ProgramResult help = slide_run({"--help"});
+  CHECK(help.code == 0);
+  CHECK(contains(help.output, "--parallax"));
+  CHECK(contains(help.output, "=4"));
+  CHECK(contains(help.output, "Examples:"));
+  CHECK(contains(slide_run({"--version"}).output, "instruction set:"));
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const ProgramResult plan =
+      slide_run({scene.photo, "--depth-weights", "formula", "--depth-model", "midas_v21_small", "--plan"});
+  CHECK(plan.code == 0);
+  CHECK(contains(plan.output, "depth: "));
+  CHECK(contains(plan.output, "conv2d"));
+  CHECK(folder.entries() == 2);
+}
