@@ -62,7 +62,7 @@ TEST_CASE("inpaint_deepfill gives the numbers of nipponjo's PyTorch code") {
   check_golden("inpaint_deepfill");
 }
 
-TEST_CASE("midas_v21_small gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
+TEST_CASE("midas_v21_small gives the numbers of the authors' PyTorch code") {
   check_golden("midas_v21_small");
 }
 
@@ -70,9 +70,7 @@ TEST_CASE("midas_v21 gives the numbers of the authors' PyTorch code" * doctest::
   check_golden("midas_v21");
 }
 
-TEST_CASE("u2netp gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
-  check_golden("u2netp");
-}
+TEST_CASE("u2netp gives the numbers of the authors' PyTorch code") { check_golden("u2netp"); }
 
 TEST_CASE("u2net gives the numbers of the authors' PyTorch code" * doctest::skip(quick())) {
   check_golden("u2net");
