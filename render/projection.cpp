@@ -49,12 +49,13 @@ void project_range(const Projection& p, const Mesh& mesh, std::size_t first, std
     const float inverse = 1.0F / hz;
     const float sx = hx * inverse + out_x;
     const float sy = hy * inverse + out_y;
-    const bool good = (hz >= clip * w) & (std::abs(sx) <= limit) & (std::abs(sy) <= limit);
-    const float fx = good ? sx * static_cast<float>(kSubpixels) : 0.0F;
-    const float fy = good ? sy * static_cast<float>(kSubpixels) : 0.0F;
+    const int good = static_cast<int>(hz >= clip * w) & static_cast<int>(std::abs(sx) <= limit) &
+                     static_cast<int>(std::abs(sy) <= limit);
+    const float fx = good != 0 ? sx * static_cast<float>(kSubpixels) : 0.0F;
+    const float fy = good != 0 ? sy * static_cast<float>(kSubpixels) : 0.0F;
     x[i] = static_cast<std::int32_t>(fx + std::copysign(0.5F, fx));
     y[i] = static_cast<std::int32_t>(fy + std::copysign(0.5F, fy));
-    q[i] = good ? w * inverse : ProjectedMesh::kClipped;
+    q[i] = good != 0 ? w * inverse : ProjectedMesh::kClipped;
     s[i] = inverse;
   }
 }

@@ -61,7 +61,8 @@ void check_watertight(const Mesh& m) {
   for (const auto& [edge, count] : edges) {
     repeated += count != 1 ? 1 : 0;
     if (edges.count({edge.second, edge.first}) != 0) continue;
-    const auto [a, b] = edge;
+    const std::uint32_t a = edge.first;
+    const std::uint32_t b = edge.second;
     const auto on_line = [&](const std::vector<float>& at, float line) {
       return at[a] == line && at[b] == line;
     };
@@ -149,7 +150,9 @@ double largest_difference(const Mesh& fine, const Mesh& coarse) {
 }  // namespace
 
 TEST_CASE("the full mesh has two triangles per cell of pixels and border and covers the photo's area") {
-  for (const auto& [width, height] : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {16, 33}}) {
+  for (const auto& size : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {16, 33}}) {
+    const int width = size.first;
+    const int height = size.second;
     CAPTURE(width);
     CAPTURE(height);
     const Mesh mesh = full_mesh(random_disparity(width, height, 1));
@@ -172,7 +175,9 @@ TEST_CASE("every pixel of the photo is a vertex of the full mesh with its dispar
 }
 
 TEST_CASE("an adaptive mesh of noise without tolerance is the full mesh") {
-  for (const auto& [width, height] : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {66, 20}}) {
+  for (const auto& size : {std::pair{1, 1}, {1, 5}, {4, 1}, {2, 2}, {7, 5}, {66, 20}}) {
+    const int width = size.first;
+    const int height = size.second;
     const Image disparity = random_disparity(width, height, 3);
     const Mesh adaptive = adaptive_mesh(disparity, 0.0);
     const Mesh full = full_mesh(disparity);
@@ -195,7 +200,9 @@ TEST_CASE("an adaptive mesh of a plane has few triangles and no error") {
 }
 
 TEST_CASE("an adaptive mesh has no cracks and nowhere exceeds its tolerance") {
-  for (const auto& [width, height] : {std::pair{90, 71}, {65, 64}, {67, 129}}) {
+  for (const auto& size : {std::pair{90, 71}, {65, 64}, {67, 129}}) {
+    const int width = size.first;
+    const int height = size.second;
     const Image disparity = hills(width, height);
     const Mesh full = full_mesh(disparity);
     std::size_t before = full.triangle_count() + 1;

@@ -116,7 +116,9 @@ void check_plane(const Camera& camera, const View& view, float disparity, std::o
 }  // namespace
 
 TEST_CASE("the identity gives back the photo, whatever the disparity") {
-  for (const auto& [width, height] : {std::pair{37, 29}, {1, 1}, {1, 9}, {8, 1}, {2, 2}}) {
+  for (const auto& size : {std::pair{37, 29}, {1, 1}, {1, 9}, {8, 1}, {2, 2}}) {
+    const int width = size.first;
+    const int height = size.second;
     CAPTURE(width);
     CAPTURE(height);
     const Layers layers = noise_layers(width, height, false);
