@@ -8,13 +8,9 @@
 #include "examples/slide_run/show_plan.h"
 #include "render/camera_path.h"
 #include "render/edge_zoom.h"
-#include "render/frame_sink.h"
-#include "render/gltf.h"
-#include "render/html.h"
+#include "render/export.h"
 #include "render/photo_layers.h"
-#include "render/stereo.h"
 #include "render/training_masks.h"
-#include "render/view.h"
 #include "render/write_image.h"
 #include "runtime/error.h"
 
@@ -46,9 +42,8 @@ class Job {
     if (options_.matte != "none" && options_.matte != "auto")
       tensors_.matte =
           matte_from_map(read_map(options_.matte), report_.width, report_.height, options_.matte);
-    report_.depth_origin =
-        options_.depth.empty() ? models_.describe(models_.choices().depth) : options_.depth;
-    report_.inpaint_origin = models_.describe(models_.choices().inpaint);
+    report_.depth_origin = options_.depth.empty() ? describe(models_.choices().depth) : options_.depth;
+    report_.inpaint_origin = describe(models_.choices().inpaint);
   }
 
   /// Refuses what needs more memory than allowed, before any work.
@@ -86,18 +81,14 @@ class Job {
 
   void write(const std::string& output) {
     const Timer timer(*this, "writing " + output);
-    const std::string extension = lower_extension(output);
-    if (!options_.stereo.empty())
-      write_stereo(output);
-    else if (extension == ".html" || extension == ".htm")
-      write_html(output, layers_, camera_,
-                 {.title = fs::path(input_).stem().string(),
-                  .parallax_percent = options_.parallax,
-                  .focus = options_.focus});
-    else if (extension == ".glb")
-      write_glb(output, layers_, camera_, {.parallax = report_.parallax});
-    else
-      write_frames(output);
+    const DrawnMeshes meshes =
+        options_.stereo.empty()
+            ? export_file(output, layers_, camera_, views_, export_options(output))
+            : export_stereo(output, stereo_kind(options_.stereo), layers_, camera_, export_options(output));
+    if (meshes.triangles > 0) {
+      report_.triangles = meshes.triangles;
+      report_.full_mesh_triangles = meshes.full_triangles;
+    }
     report_.outputs.push_back(output);
   }
 
@@ -184,49 +175,18 @@ class Job {
     return hash;
   }
 
-  [[nodiscard]] ViewRenderer renderer(const std::vector<View>& views) {
-    std::optional<double> tolerance;
-    if (options_.mesh_tolerance > 0) tolerance = mesh_tolerance(camera_, views, options_.mesh_tolerance);
-    ViewRenderer made(layers_, camera_, tolerance);
-    report_.triangles = made.triangle_count();
-    const std::size_t layer =
-        2 * static_cast<std::size_t>(report_.width + 1) * static_cast<std::size_t>(report_.height + 1);
-    report_.full_mesh_triangles = layer * (layers_.background ? 2 : 1);
-    return made;
-  }
-
-  [[nodiscard]] RenderOptions render_options() const {
+  [[nodiscard]] ExportOptions export_options(const std::string& output) const {
     const auto [width, height] = parse_size(options_.size, report_.width, report_.height);
-    return {.width = width, .height = height, .supersample = options_.supersample};
-  }
-
-  void write_frames(const std::string& output) {
-    const std::vector<View> views = options_.keep_edges ? views_ : without_edges(camera_, views_);
-    const RenderOptions size = render_options();
-    ViewRenderer draw = renderer(views);
-    const std::unique_ptr<FrameSink> sink = make_frame_sink(output);
-    sink->begin({size.width, size.height, options_.fps, static_cast<int>(views.size())});
-    Image frame;
-    for (std::size_t i = 0; i < views.size(); ++i) {
-      meter_("writing " + output, static_cast<double>(i) / static_cast<double>(views.size()));
-      draw.render(views[i], size, frame);
-      sink->frame(frame);
-    }
-    sink->finish();
-  }
-
-  /// The two ends of a swing: of four frames the fourth is the left eye's, the second the right eye's.
-  void write_stereo(const std::string& output) {
-    PathOptions swing = path_options(PathKind::kSwing);
-    swing.frames = 4;
-    std::vector<View> views = make_path(camera_, swing);
-    if (!options_.keep_edges) views = without_edges(camera_, std::move(views));
-    ViewRenderer draw = renderer(views);
-    Image left;
-    Image right;
-    draw.render(views[3], render_options(), left);
-    draw.render(views[1], render_options(), right);
-    write_image(output, options_.stereo == "sbs" ? side_by_side(left, right) : anaglyph(left, right));
+    return {.title = fs::path(input_).stem().string(),
+            .parallax_percent = options_.parallax,
+            .focus = options_.focus,
+            .width = width,
+            .height = height,
+            .fps = options_.fps,
+            .mesh_tolerance = options_.mesh_tolerance,
+            .supersample = options_.supersample,
+            .keep_edges = options_.keep_edges,
+            .progress = [this, output](double part) { meter_("writing " + output, part); }};
   }
 
   const std::string& input_;
@@ -242,16 +202,11 @@ class Job {
 };
 
 void require_known(const std::string& output, const Options& options) {
+  if (options.stereo.empty()) return require_export_output(output);
   const std::string extension = lower_extension(output);
-  if (!options.stereo.empty()) {
-    if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
-      throw Error(ErrorKind::kUsage, "--stereo makes a still picture, " + output + " is none",
-                  "name it .png or .jpg");
-    return;
-  }
-  if (extension == ".html" || extension == ".htm" || extension == ".glb" || is_frame_output(output)) return;
-  throw Error(ErrorKind::kUsage, "nothing can be made of the extension of " + output,
-              ".html .glb .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
+  if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
+    throw Error(ErrorKind::kUsage, "--stereo makes a still picture, " + output + " is none",
+                "name it .png or .jpg");
 }
 
 }  // namespace

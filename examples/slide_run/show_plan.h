@@ -10,10 +10,12 @@ namespace slide::run {
 void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
                 const graphs::SlideOptions& options);
 
-/// An upper estimate in bytes of what a photo of that size needs from reading to writing: the largest stage's
-/// plan, and the layers, maps and meshes that are alive beside it.
-[[nodiscard]] std::size_t planned_memory(int height, int width, const graphs::SlideModels& models,
-                                         const graphs::SlideInput& known,
+/// An upper estimate in bytes of what a photo needs from reading to writing: the largest stage's plan, and
+/// the layers, maps and meshes that are alive beside it.
+/// @param photo_pixels  of the photo as it is in the file
+/// @param height, width  as it is worked on
+[[nodiscard]] std::size_t planned_memory(std::size_t photo_pixels, int height, int width,
+                                         const graphs::SlideModels& models, const graphs::SlideInput& known,
                                          const graphs::SlideOptions& options);
 
 }  // namespace slide::run

@@ -116,5 +116,5 @@ TEST_CASE(
   CHECK(rows > 100);
   CHECK(rows ==
         std::distance(std::filesystem::directory_iterator(dump), std::filesystem::directory_iterator()));
-  CHECK(slide_check({"op", "--isa", "baseline", dump}).code == 0);
+  CHECK(slide_check({"op", "--isa", "baseline", "--threads", "1", dump}).code == 0);
 }

@@ -1,0 +1,108 @@
+#include "render/export.h"
+
+#include <optional>
+
+#include "render/camera_path.h"
+#include "render/edge_zoom.h"
+#include "render/frame_sink.h"
+#include "render/gltf.h"
+#include "render/html.h"
+#include "render/stereo.h"
+#include "render/view.h"
+#include "render/write_image.h"
+#include "runtime/error.h"
+
+namespace slide {
+namespace {
+
+bool is_page(const std::string& extension) { return extension == ".html" || extension == ".htm"; }
+
+ViewRenderer make_renderer(const Layers& layers, const Camera& camera, const std::vector<View>& views,
+                           double tolerance) {
+  if (tolerance <= 0) return {layers, camera};
+  return {layers, camera, mesh_tolerance(camera, views, tolerance)};
+}
+
+DrawnMeshes meshes_of(const ViewRenderer& renderer, const Layers& layers, const Camera& camera) {
+  const std::size_t cells =
+      static_cast<std::size_t>(camera.width + 1) * static_cast<std::size_t>(camera.height + 1);
+  return {renderer.triangle_count(), 2 * cells * (layers.background ? 2 : 1)};
+}
+
+RenderOptions render_options(const ExportOptions& o, const Camera& camera) {
+  return {.width = o.width > 0 ? o.width : camera.width,
+          .height = o.height > 0 ? o.height : camera.height,
+          .supersample = o.supersample};
+}
+
+std::vector<View> framed(const Camera& camera, const std::vector<View>& views, const ExportOptions& options) {
+  return options.keep_edges ? views : without_edges(camera, views);
+}
+
+DrawnMeshes export_frames(const std::string& path, const Layers& layers, const Camera& camera,
+                          const std::vector<View>& views, const ExportOptions& options) {
+  const std::vector<View> shown = framed(camera, views, options);
+  const RenderOptions size = render_options(options, camera);
+  ViewRenderer renderer = make_renderer(layers, camera, shown, options.mesh_tolerance);
+  const std::unique_ptr<FrameSink> sink = make_frame_sink(path);
+  sink->begin({size.width, size.height, options.fps, static_cast<int>(shown.size())});
+  Image frame;
+  for (std::size_t i = 0; i < shown.size(); ++i) {
+    if (options.progress) options.progress(static_cast<double>(i) / static_cast<double>(shown.size()));
+    renderer.render(shown[i], size, frame);
+    sink->frame(frame);
+  }
+  sink->finish();
+  return meshes_of(renderer, layers, camera);
+}
+
+}  // namespace
+
+void require_export_output(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  if (is_page(extension) || extension == ".glb" || is_frame_output(path)) return;
+  throw Error(ErrorKind::kUsage, "nothing can be made of the extension of " + path,
+              ".html .glb .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
+}
+
+DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
+                        const std::vector<View>& views, const ExportOptions& options) {
+  require_export_output(path);
+  const std::string extension = lower_extension(path);
+  if (is_page(extension)) {
+    write_html(
+        path, layers, camera,
+        {.title = options.title, .parallax_percent = options.parallax_percent, .focus = options.focus});
+    return {};
+  }
+  if (extension == ".glb") {
+    write_glb(path, layers, camera, {.parallax = largest_parallax(camera, views)});
+    return {};
+  }
+  return export_frames(path, layers, camera, views, options);
+}
+
+StereoKind stereo_kind(const std::string& name) {
+  if (name == "sbs") return StereoKind::kSideBySide;
+  if (name == "anaglyph") return StereoKind::kAnaglyph;
+  throw Error(ErrorKind::kUsage, "there is no stereo picture of the kind " + name, "one of: sbs, anaglyph");
+}
+
+DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,
+                          const Camera& camera, const ExportOptions& options) {
+  // Of a swing in four frames the second is at one end and the fourth at the other.
+  const std::vector<View> swing = make_path(camera, {.kind = PathKind::kSwing,
+                                                     .parallax_percent = options.parallax_percent,
+                                                     .focus = options.focus,
+                                                     .frames = 4});
+  const std::vector<View> shown = framed(camera, swing, options);
+  ViewRenderer renderer = make_renderer(layers, camera, shown, options.mesh_tolerance);
+  Image left;
+  Image right;
+  renderer.render(shown[3], render_options(options, camera), left);
+  renderer.render(shown[1], render_options(options, camera), right);
+  write_image(path, kind == StereoKind::kSideBySide ? side_by_side(left, right) : anaglyph(left, right));
+  return meshes_of(renderer, layers, camera);
+}
+
+}  // namespace slide

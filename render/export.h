@@ -1,0 +1,51 @@
+#pragma once
+
+#include <cstddef>
+#include <functional>
+#include <string>
+#include <vector>
+
+#include "render/camera.h"
+#include "render/layers.h"
+
+namespace slide {
+
+/// How a 3D photo is turned into files.
+struct ExportOptions {
+  std::string title = "3D photo";  ///< of a page
+  double parallax_percent = 4;     ///< of a page's camera, and of the two eyes of a still
+  double focus = 0.5;              ///< the disparity that stands still in a page and in a still
+  int width = 0;                   ///< of frames and stills; 0: the photo's. The two go together.
+  int height = 0;
+  double fps = 30;                       ///< of animations
+  double mesh_tolerance = 0.1;           ///< pixels; 0: one vertex a pixel
+  bool supersample = false;              ///< average 2×2 samples
+  bool keep_edges = false;               ///< do not zoom in to hide the photo's edge
+  std::function<void(double)> progress;  ///< told the part that is done; may be empty
+};
+
+/// What drawing took.
+struct DrawnMeshes {
+  std::size_t triangles = 0;       ///< of both layers, as drawn; 0 if nothing was drawn
+  std::size_t full_triangles = 0;  ///< with one vertex a pixel
+};
+
+/// Refuses names that export_file() cannot make anything of.
+/// @throws Error(kUsage) naming the extensions there are
+void require_export_output(const std::string& path);
+
+/// Makes a file of the layers: .html (render/html.h), .glb (render/gltf.h), or the frames of `views` in any
+/// form that make_frame_sink() knows.
+/// @throws as require_export_output(); what the exporters throw
+DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
+                        const std::vector<View>& views, const ExportOptions& options);
+
+enum class StereoKind { kSideBySide, kAnaglyph };
+/// @throws Error(kUsage) unless the name is "sbs" or "anaglyph"
+[[nodiscard]] StereoKind stereo_kind(const std::string& name);
+
+/// Makes a still picture for two eyes, the two ends of a swing of `parallax_percent`, as .png or .jpg.
+DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,
+                          const Camera& camera, const ExportOptions& options);
+
+}  // namespace slide
