@@ -16,7 +16,7 @@ namespace slide {
 /// A PyTorch checkpoint, as torch.save writes it: the zip archive of 1.6 and later, or the stream of pickles
 /// before. The tensors are those of a state_dict: the dictionary itself, or one nested in it; a prefix
 /// "module." that all names share (DataParallel) is dropped.
-class Checkpoint : public WeightReader {
+class Checkpoint final : public WeightReader {
  public:
   enum class Format { kZip, kStream };
 
