@@ -90,18 +90,21 @@ Tensor trimap_transformed(ImageSize size) {
   });
 }
 
-/// The model's input of that name. `photo` is the photo in a graph.
-Value model_input(std::string_view name, Value photo, ImageSize size) {
+/// A model's input of that name. `photo` is the photo in a graph.
+Value model_input(std::string_view model, std::string_view name, Value photo, ImageSize size) {
   Graph& g = photo.graph();
   const auto image = [&] { return ops::clip(ops::resize_bicubic(photo, size.height, size.width), 0, 1); };
+  const auto disparity = [](Value rgb) { return ops::reduce_mean(rgb, {1}); };
+  if (name == "x" && model.starts_with("slide_")) return ops::affine(image(), 2, -1);
   if (name == "x" || name == "image_n") return midas_preprocess(photo, size);
   if (name == "image") return image();
-  if (name == "mask") return g.constant("hole", hole(size));
+  if (name == "disparity") return disparity(image());
+  if (name == "mask" || name == "hole") return g.constant("middle", hole(size));
   if (name == "two_chan_trimap") return g.constant("discs", trimap(size));
   if (name == "trimap_transformed") return g.constant("disc_distances", trimap_transformed(size));
   if (name == "rgbd") {
     const Value rgb = image();
-    return ops::affine(ops::concat({rgb, ops::reduce_mean(rgb, {1})}, 1), 2, -1);
+    return ops::affine(ops::concat({rgb, disparity(rgb)}, 1), 2, -1);
   }
   throw Error(ErrorKind::kInternal, "no photo can be made into the input " + std::string(name));
 }
@@ -115,7 +118,8 @@ PhotoRun photo_run(std::string_view model, const Tensor& photo, const WeightSour
   const ImageSize size = working_size(entry.size, {photo.shape()[2], photo.shape()[3]}, longer);
   Graph prepare;
   const Value image = prepare.input("photo", photo.shape());
-  for (const std::string_view name : entry.inputs) prepare.output(name, model_input(name, image, size));
+  for (const std::string_view name : entry.inputs)
+    prepare.output(name, model_input(model, name, image, size));
   ReferenceExecutor executor(prepare, WeightMap());
   executor.run({{"photo", photo}});
 

@@ -97,7 +97,7 @@ TEST_CASE(
   const std::string dump = folder.file("dump");
   const ProgramResult result =
       slide_check({"compare", "u2netp", "--formula-weights", "--image", kData + "/images/rgb_8.png", "--size",
-                   "32", "--dump", dump, "--threads", "2"});
+                   "32", "--dump", dump, "--threads", "1"});
   CHECK(result.code == 0);
   CHECK(contains(result.output, "every kernel within its bound"));
   std::istringstream lines(result.output);
