@@ -8,7 +8,7 @@
 namespace slide {
 
 std::size_t Mesh::triangle_count() const noexcept {
-  return full ? 2 * static_cast<std::size_t>(width + 1) * static_cast<std::size_t>(height + 1)
+  return full ? 2 * (static_cast<std::size_t>(width) + 1) * (static_cast<std::size_t>(height) + 1)
               : triangles.size();
 }
 

@@ -89,7 +89,7 @@ void fit(Image& image, int width, int height, int channels) {
 
 double mesh_tolerance(const Camera& camera, const std::vector<View>& views, double pixels) {
   const double rate = largest_parallax_rate(camera, views);
-  return rate * 1.0 > pixels ? pixels / rate : 1.0;
+  return rate > pixels ? pixels / rate : 1.0;
 }
 
 struct ViewRenderer::State {

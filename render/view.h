@@ -32,10 +32,9 @@ inline constexpr int kMaxViewSide = 32768;
 /// pixel, and black where the background's does not. Without a background there is nothing to see through to:
 /// the foreground is opaque.
 ///
-/// With the identity as view, at the photo's size, an opaque foreground gives back the photo within 1e-4.
-/// The same bytes at any thread count and band size. No libm function is called per vertex or pixel and
-/// nothing is contracted, so CPUs of other kinds differ only by what the compiler's vectorised code cannot
-/// change: not at all, as long as the view itself (sines of a path) is the same to the last bit.
+/// With the identity as view, at the photo's size, an opaque foreground gives back the photo within 1/255.
+/// The same bytes at any thread count and band size. Per vertex and pixel there are IEEE operations only,
+/// none of them contracted, and no libm function: other CPUs give the same bytes for the same view.
 class ViewRenderer {
  public:
   /// @param tolerance  of the adaptive meshes, in disparity (mesh_tolerance()); none for full meshes
@@ -48,9 +47,7 @@ class ViewRenderer {
   /// Draws a view into `out`, H×W×3, whose memory is used again if it has the size. `coverage`, if wanted,
   /// becomes H×W×1: 1 where a layer was drawn, 0 where there is nothing but black, the share of it when
   /// supersampled. Uses this object's scratch memory: one call at a time.
-  /// @throws Error(kUsage) for a view size outside 1 to kMaxViewSide (twice that would not fit the
-  /// supersampled
-  ///   view, which may have half)
+  /// @throws Error(kUsage) for a view side outside 1 to kMaxViewSide, or half of that when supersampling
   void render(const View& view, const RenderOptions& options, Image& out, Image* coverage = nullptr);
 
   /// Triangles of both layers' meshes.
