@@ -66,7 +66,8 @@ template <typename T>
 void compute(const PadOp& op, std::span<const Tensor> inputs, Tensor& output) {
   const Nchw in = nchw(inputs[0].shape());
   const Nchw out = nchw(output.shape());
-  const auto [top, left, bottom, right] = op.padding();
+  const std::int64_t top = op.padding()[0];
+  const std::int64_t left = op.padding()[1];
   const T* x = inputs[0].data<T>().data();
   T* y = output.mutable_data<T>().data();
   const T value = static_cast<T>(op.value());
