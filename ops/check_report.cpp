@@ -107,7 +107,7 @@ std::string scientific(double value) {
 
 std::string fixed(double value) {
   if (value == 0) return "0";
-  if (!(value < 1000)) return scientific(value);
+  if (!(value >= 0.001 && value < 1000)) return scientific(value);
   char text[32];
   std::snprintf(text, sizeof text, "%.3f", value);
   return text;
@@ -143,7 +143,9 @@ std::string table_of(const std::vector<CheckedFile>& files) {
   std::string errors;
   for (const CheckedFile& f : files)
     if (!f.check) errors += "error: " + f.error + "\n";
-  return table.text() + errors + summary_of(files);
+  const bool checked =
+      std::any_of(files.begin(), files.end(), [](const CheckedFile& f) { return f.check.has_value(); });
+  return (checked ? table.text() : "") + errors + summary_of(files);
 }
 
 std::string json_of(const std::vector<CheckedFile>& files) {

@@ -32,7 +32,7 @@ struct CheckedFile {
 
 /// "1.2e-07"; "0" for zero.
 [[nodiscard]] std::string scientific(double value);
-/// "0.123", or as scientific() from 1000 on; "0" for zero.
+/// "0.123", or as scientific() below 0.001 and from 1000 on; "0" for zero.
 [[nodiscard]] std::string fixed(double value);
 
 }  // namespace slide::ops
