@@ -100,15 +100,25 @@ std::array<std::int64_t, 10> AttentionStrips::sizes() const noexcept {
 }
 
 AttentionStrips::Memory AttentionStrips::memory(std::span<std::byte> scratch) const noexcept {
-  Memory m{};
-  float** const arrays[] = {&m.foreground, &m.background, &m.inverse_norm, &m.usable,  &m.fuse,
-                            &m.patches,    &m.scores,     &m.slots,        &m.weights, &m.mixture};
   const std::array<std::int64_t, 10> counts = sizes();
+  std::size_t index = 0;
   std::size_t at = 0;
-  for (std::size_t i = 0; i < counts.size(); ++i) {
-    *arrays[i] = static_cast<float*>(static_cast<void*>(scratch.data() + at));
-    at += static_cast<std::size_t>(counts[i]) * sizeof(float);
-  }
+  const auto next = [&] {
+    std::byte* const start = scratch.data() + at;
+    at += static_cast<std::size_t>(counts[index++]) * sizeof(float);
+    return static_cast<float*>(static_cast<void*>(start));
+  };
+  Memory m{};
+  m.foreground = next();
+  m.background = next();
+  m.inverse_norm = next();
+  m.usable = next();
+  m.fuse = next();
+  m.patches = next();
+  m.scores = next();
+  m.slots = next();
+  m.weights = next();
+  m.mixture = next();
   m.rest = scratch.subspan(at);
   return m;
 }

@@ -33,7 +33,7 @@ class AttentionKernel : public LevelKernel<ContextualAttentionOp, AttentionRouti
 
  private:
   [[nodiscard]] AttentionStrips method(const ContextualAttentionOp& op, std::span<const Shape> inputs) const {
-    const Conv2dRoutines* conv = nullptr;
+    const Conv2dRoutines* conv = conv2d_routines().back();
     for (const Conv2dRoutines* routines : conv2d_routines())
       if (routines->isa == isa()) conv = routines;
     return {routines(), *conv, attention_geometry(inputs, op.params())};
