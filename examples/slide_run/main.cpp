@@ -5,8 +5,10 @@
 #include <filesystem>
 #include <new>
 
+#include "examples/cli_docs.h"
 #include "examples/slide_run/job.h"
 #include "examples/slide_run/report.h"
+#include "examples/slide_run/show_plan.h"
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
 #include "runtime/threads.h"
@@ -101,21 +103,21 @@ void say_what_next(const Options& o, std::size_t photos) {
                "the details.\n");
 }
 
-std::string version_text() {
-  return "slide_run " + std::string(version()) + "\nbuild: " + std::string(build_description()) +
-         "\ninstruction set: " + std::string(name_of(detected_isa()));
-}
-
 int parse_and_run(int argc, char** argv) {
   Options o;
   CLI::App app;
   declare(app, o);
-  app.set_version_flag("--version", version_text());
   try {
     app.parse(argc, argv);
   } catch (const CLI::ParseError& e) {
     const int code = app.exit(e);
     return code == 0 ? 0 : exit_code(ErrorKind::kUsage);
+  }
+  if (o.man || o.completion) {
+    const std::string page = o.man ? man_page(app, "slide_run", "SLIDE " + std::string(version()))
+                                   : bash_completion(app, "slide_run");
+    std::fputs(page.c_str(), stdout);
+    return 0;
   }
   set_thread_count(o.threads);
   if (!o.isa.empty()) {
@@ -137,6 +139,7 @@ int parse_and_run(int argc, char** argv) {
 
 int main(int argc, char** argv) {
   slide::remove_unfinished_files_on_signals();
+  (void)slide::run::resident_at_start();
   try {
     return slide::run::parse_and_run(argc, argv);
   } catch (const slide::Error& e) {

@@ -63,6 +63,10 @@ struct Options {
   bool plan = false;
   bool quiet = false;
   bool json = false;
+
+  // Help
+  bool man = false;
+  bool completion = false;
 };
 
 /// Declares all options on a command-line parser, grouped as the struct is.

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cstdio>
 
+#include "examples/slide_run/report.h"
+
 namespace slide::run {
 namespace {
 
@@ -33,6 +35,11 @@ void print_plan(int height, int width, const graphs::SlideModels& models, const 
   }
 }
 
+std::size_t resident_at_start() {
+  static const std::size_t bytes = peak_memory();
+  return bytes;
+}
+
 std::size_t planned_memory(std::size_t photo_pixels, int height, int width, const graphs::SlideModels& models,
                            const graphs::SlideInput& known, const graphs::SlideOptions& options) {
   const std::size_t pixels = static_cast<std::size_t>(height) * static_cast<std::size_t>(width);
@@ -42,13 +49,14 @@ std::size_t planned_memory(std::size_t photo_pixels, int height, int width, cons
   // While views are drawn or encoded: both layers as images 9 and the copies that encoders make 8; for each
   // vertex of both meshes its place, disparity, texture and screen coordinates.
   constexpr std::size_t kDrawingBytes = (9 + 8) * sizeof(float) + 2 * 56;
-  constexpr std::size_t kProgram = std::size_t{48} << 20;  // code, libraries, buffers of image files
+  // Buffers of image files, threads' stacks, what an allocator keeps back.
+  constexpr std::size_t kBuffers = std::size_t{24} << 20;
   std::size_t stage_memory = 0;
   for (const graphs::PlannedStage& stage : graphs::plan_layers(height, width, models, known, options))
     stage_memory = std::max(stage_memory, stage.plan.memory_bytes());
   const std::size_t reading = photo_pixels * 3 * 2 * sizeof(float);
   const std::size_t stages = pixels * kStagePlanes * sizeof(float) + stage_memory;
-  return kProgram + std::max({reading, stages, pixels * kDrawingBytes});
+  return resident_at_start() + kBuffers + std::max({reading, stages, pixels * kDrawingBytes});
 }
 
 }  // namespace slide::run

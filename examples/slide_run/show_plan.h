@@ -10,6 +10,9 @@ namespace slide::run {
 void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
                 const graphs::SlideOptions& options);
 
+/// What the program and its libraries held when this was first called, in bytes: main() does so at its start.
+std::size_t resident_at_start();
+
 /// An upper estimate in bytes of what a photo needs from reading to writing: the largest stage's plan, and
 /// the layers, maps and meshes that are alive beside it.
 /// @param photo_pixels  of the photo as it is in the file

@@ -159,6 +159,27 @@ TEST_CASE(
   CHECK(folder.entries() == 4);
 }
 
+TEST_CASE("no more memory is used than was planned") {
+  const TemporaryFolder folder;
+  Image colour(640, 480, 3, 0.5F);
+  Image disparity(640, 480, 1);
+  for (int y = 100; y < 300; ++y)
+    for (int x = 200; x < 400; ++x) disparity.at(x, y) = 1;
+  write_png(folder.file("p.png"), colour);
+  write_pfm(folder.file("d.pfm"), disparity);
+  for (const char* output : {"o.y4m", "o.glb", "o.html", "o.gif"}) {
+    const ProgramResult result = slide_run({folder.file("p.png"), "--depth", folder.file("d.pfm"), "--frames",
+                                            "3", "-o", folder.file(output), "--json"});
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    const nlohmann::json report = nlohmann::json::parse(result.output);
+#if SLIDE_PLAIN_MEMORY  // no sanitizer's shadow memory, no emulator
+    CHECK_MESSAGE(report["peak_memory_bytes"].get<double>() <=
+                      report["photos"][0]["planned_memory_bytes"].get<double>(),
+                  output);
+#endif
+  }
+}
+
 TEST_CASE("stereo stills have the shape they should") {
   const TemporaryFolder folder;
   const Scene scene(folder);
