@@ -40,6 +40,7 @@ std::span<const NormaliseRoutines* const> normalise_routines() {
   }();
   static const std::vector<const NormaliseRoutines*> pointers = [] {
     std::vector<const NormaliseRoutines*> all;
+    all.reserve(levels.size());
     for (const NormaliseRoutines& r : levels) all.push_back(&r);
     return all;
   }();
