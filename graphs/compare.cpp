@@ -1,9 +1,9 @@
 #include "graphs/compare.h"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <filesystem>
-#include <limits>
 #include <map>
 
 #include "ops/case_of.h"
