@@ -228,6 +228,7 @@ void inpaint_windows(const SlideModels& models, const SlideOptions& options, Sli
   const InpaintReach reach = inpaint_reach(models.inpaint);
   const std::int64_t margin = options.whole_image ? std::max(shape[2], shape[3]) : reach.radius;
   out.report.windows = hole_windows(out.hole, margin, reach.alignment);
+  out.report.windows_exact = reach.exact || options.whole_image;
   out.background_image = out.image.clone();
   out.background_disparity = out.conditioned.clone();
   StageReport total;
@@ -278,7 +279,7 @@ SlideLayers make_layers(const SlideInput& input, const SlideModels& models, cons
 }
 
 std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
-                                     const SlideInput& known, const SlideOptions& options) {
+                                      const SlideInput& known, const SlideOptions& options) {
   const Shape map{1, 1, height, width};
   std::vector<PlannedStage> stages;
   if (known.disparity.empty() && models.depth.chosen()) {

@@ -76,6 +76,7 @@ struct SlideReport {
   double matte_coverage = 0;    ///< fraction of pixels with a matte above one half, where there is one
   double hole_fraction = 0;     ///< of the image's pixels
   std::vector<Window> windows;  ///< what was inpainted
+  bool windows_exact = true;    ///< the windows hold all that the network's results depend on
   double window_fraction = 0;   ///< their area over the image's
   std::string inpainting;       ///< the network, "fill", or "none" with the reason
 };
@@ -112,10 +113,11 @@ struct PlannedStage {
   Plan plan;
 };
 
-/// Plans without running: every stage for an image of that size, inpainting the whole of it (the windows, which depend
-/// on the photo, need no more). What is known of the input decides which stages there are.
-[[nodiscard]] std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
-                                                    const SlideInput& known, const SlideOptions& options);
+/// Plans without running: every stage for an image of that size, inpainting the whole of it (the windows,
+/// which depend on the photo, need no more). What is known of the input decides which stages there are.
+[[nodiscard]] std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width,
+                                                    const SlideModels& models, const SlideInput& known,
+                                                    const SlideOptions& options);
 
 /// The whole as one graph, as the paper has it: from a photo 1×3×H×W to both layers in one pass over each
 /// network. make_layers() gives the same, stage by stage, with what the scene does not need left out.

@@ -35,8 +35,10 @@ void explain(const JobReport& r) {
   std::fprintf(stderr, "  background  %s; %.2f %% of the pixels may come into view\n", s.inpainting.c_str(),
                100 * s.hole_fraction);
   if (!s.windows.empty())
-    std::fprintf(stderr, "  windows     %zu, %.1f %% of the image was computed\n", s.windows.size(),
-                 100 * s.window_fraction);
+    std::fprintf(stderr, "  windows     %zu, %.1f %% of the image was computed; %s\n", s.windows.size(),
+                 100 * s.window_fraction,
+                 s.windows_exact ? "the result is that of the whole image"
+                                 : "what lies outside would change the result a little (--whole-image)");
   if (r.triangles > 0)
     std::fprintf(stderr, "  meshes      %zu triangles (%.1f %% of the full meshes' %zu)\n", r.triangles,
                  100.0 * static_cast<double>(r.triangles) / static_cast<double>(r.full_mesh_triangles),
@@ -69,6 +71,7 @@ nlohmann::json to_json(const JobReport& r) {
   j["hole_fraction"] = r.slide.hole_fraction;
   j["windows"] = windows;
   j["window_fraction"] = r.slide.window_fraction;
+  j["windows_exact"] = r.slide.windows_exact;
   j["triangles"] = r.triangles;
   j["full_mesh_triangles"] = r.full_mesh_triangles;
   j["planned_memory_bytes"] = r.planned_memory;
