@@ -8,7 +8,8 @@ set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
 if(NOT CMAKE_BUILD_TYPE)
   set(CMAKE_BUILD_TYPE Release)
 endif()
-set(CMAKE_CXX_FLAGS_RELEASE "-O3")
+set(CMAKE_CXX_FLAGS_RELEASE "-O3 -DNDEBUG")
+set(CMAKE_C_FLAGS_RELEASE "-O3 -DNDEBUG")
 
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 
@@ -29,10 +30,11 @@ if(SLIDE_STATIC)
   set(CMAKE_FIND_LIBRARY_SUFFIXES .a)
 endif()
 
-# slide_add_library(NAME sources...): a static library of the project.
+# slide_add_library(NAME sources...): a static library of the project. Users of the installed library get none of the
+# flags above.
 function(slide_add_library name)
   add_library(${name} STATIC ${ARGN})
-  target_link_libraries(${name} PUBLIC slide_flags)
+  target_link_libraries(${name} PUBLIC $<BUILD_INTERFACE:slide_flags>)
 endfunction()
 
 # slide_add_program(NAME sources...): a program, placed in bin/.
