@@ -73,6 +73,7 @@ slide::graphs::SlideLayers make_layers(const slide::graphs::SlideInput& input, c
 
 std::unique_ptr<slide_photo> create(const slide::Image& colour, const slide::Image& disparity,
                                     double fov_degrees, const slide_settings& s) {
+  require(s.max_side >= 16 && s.max_side <= 16384, "max_side is not in 16 to 16384");
   const slide::Image reduced = shrink_to(colour, s.max_side);
   auto photo = std::make_unique<slide_photo>();
   photo->camera = slide::make_camera(reduced.width, reduced.height, fov_degrees, s.near_depth, s.far_depth);

@@ -40,7 +40,7 @@ typedef struct slide_settings {
   double fov_degrees;          /* horizontal; 0 (default): EXIF where the photo has it, else 53.13 */
   double near_depth;           /* of disparity 1; default 1 */
   double far_depth;            /* of disparity 0; default 10 */
-  int max_side;                /* larger photos are reduced to this; default 1536 */
+  int max_side;                /* larger photos are reduced to this, 16 to 16384; default 1536 */
   int frames;                  /* of an animation; default 60 */
   double fps;                  /* default 30 */
   size_t memory_limit;         /* bytes for a stage; 0 (default): none */
