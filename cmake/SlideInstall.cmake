@@ -1,0 +1,56 @@
+# cmake --install: programs with manual page and completion (component "programs"); libraries, headers, CMake package
+# and pkg-config file (component "development").
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+
+install(TARGETS slide_run slide_check slide_convert COMPONENT programs)
+install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT programs)
+if(TARGET slide_docs)
+  install(FILES ${CMAKE_BINARY_DIR}/share/slide_run.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT programs)
+  install(FILES ${CMAKE_BINARY_DIR}/share/slide_run.bash RENAME slide_run COMPONENT programs
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+endif()
+
+# The C API, and the C++ libraries from the top one down, which is the order that linkers want.
+set(libraries slide_examples slide_render slide_weights slide_graphs slide_ops slide_runtime)
+set_target_properties(slide_examples PROPERTIES OUTPUT_NAME slide_network_files)
+target_include_directories(slide INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+set(SLIDE_PC_PRIVATE "")
+foreach(library ${libraries})
+  string(REPLACE slide_ "" name ${library})
+  set_target_properties(${library} PROPERTIES EXPORT_NAME ${name})
+  target_include_directories(${library} INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}/slide>)
+  target_compile_features(${library} INTERFACE $<INSTALL_INTERFACE:cxx_std_20>)
+  string(APPEND SLIDE_PC_PRIVATE "-l$<TARGET_FILE_BASE_NAME:${library}> ")
+endforeach()
+install(TARGETS slide ${libraries} EXPORT slideTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development)
+install(FILES examples/c_api/slide.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development)
+# Left out: what only the libraries' own sources include.
+install(DIRECTORY runtime ops graphs render DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development
+  FILES_MATCHING PATTERN "*.h" PATTERN "ops/simd" EXCLUDE PATTERN "render/viewer" EXCLUDE
+  PATTERN "case_attributes.h" EXCLUDE PATTERN "cone_kernel.h" EXCLUDE)
+install(FILES weights/default_weights.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide/weights COMPONENT development)
+
+set(package_folder ${CMAKE_INSTALL_LIBDIR}/cmake/slide)
+install(EXPORT slideTargets NAMESPACE slide:: DESTINATION ${package_folder} COMPONENT development)
+configure_package_config_file(cmake/slideConfig.cmake.in ${CMAKE_BINARY_DIR}/package/slideConfig.cmake
+  INSTALL_DESTINATION ${package_folder})
+write_basic_package_version_file(${CMAKE_BINARY_DIR}/package/slideConfigVersion.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${CMAKE_BINARY_DIR}/package/slideConfig.cmake ${CMAKE_BINARY_DIR}/package/slideConfigVersion.cmake
+  cmake/FindSlideOpenImageIO.cmake DESTINATION ${package_folder} COMPONENT development)
+
+if(SLIDE_OPENIMAGEIO)
+  string(APPEND SLIDE_PC_PRIVATE "-lOpenImageIO -lOpenImageIO_Util ")
+endif()
+string(APPEND SLIDE_PC_PRIVATE "-ljpeg -lpng -lz")
+set(own_runtime ${OpenMP_CXX_LIB_NAMES} ${CMAKE_CXX_IMPLICIT_LINK_LIBRARIES})
+foreach(name gomp omp stdc++ c++ pthread m)
+  if(name IN_LIST own_runtime)
+    string(APPEND SLIDE_PC_PRIVATE " -l${name}")
+  endif()
+endforeach()
+file(RELATIVE_PATH SLIDE_PC_UP /prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig /prefix)
+string(REGEX REPLACE "/$" "" SLIDE_PC_UP ${SLIDE_PC_UP})
+configure_file(cmake/slide.pc.in ${CMAKE_BINARY_DIR}/package/slide.pc.in @ONLY)
+file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/package/slide.pc INPUT ${CMAKE_BINARY_DIR}/package/slide.pc.in)
+install(FILES ${CMAKE_BINARY_DIR}/package/slide.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)

@@ -1,0 +1,44 @@
+#!/bin/sh
+# Installs a build and uses it as others do: the programs, the CMake package, pkg-config.
+#   package_test.sh BUILD WORK CMAKE CC CXX STATIC
+# BUILD: a complete build; WORK: an own folder, emptied first; STATIC: ON if everything is linked statically
+set -eu
+build=$1 work=$2 cmake=$3 cc=$4 cxx=$5 static=$6
+source=$(cd "$(dirname "$0")" && pwd)
+fail() { echo "package_test.sh: $*" >&2; exit 1; }
+
+rm -rf "$work"
+mkdir -p "$work"
+"$cmake" --install "$build" --prefix "$work/first" >/dev/null
+mv "$work/first" "$work/prefix"  # a package that was moved after its installation works as well
+prefix=$work/prefix
+
+for file in bin/slide_check bin/slide_convert share/man/man1/slide_run.1 \
+  share/bash-completion/completions/slide_run include/slide/slide.h; do
+  [ -s "$prefix/$file" ] || fail "$file was not installed"
+done
+find "$prefix/share/doc" -name LICENSE | grep -q . || fail "the licence was not installed"
+"$prefix/bin/slide_run" --version | grep -q slide_run
+if grep -rlF "$(cd "$source/../.." && pwd)" "$prefix" --include='*.cmake' --include='*.pc' --include='*.h'; then
+  fail "these files name folders of the build"
+fi
+
+flags=""
+[ "$static" = OFF ] || flags="-DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_FIND_LIBRARY_SUFFIXES=.a"
+# shellcheck disable=SC2086  # a list of words
+"$cmake" -S "$source" -B "$work/user" -DCMAKE_PREFIX_PATH="$prefix" -DCMAKE_C_COMPILER="$cc" \
+  -DCMAKE_CXX_COMPILER="$cxx" $flags >/dev/null
+"$cmake" --build "$work/user" >/dev/null
+"$work/user/use_c" "$work/page.html"
+[ -s "$work/page.html" ] || fail "the example in C wrote no page"
+"$work/user/use_cpp"
+
+command -v pkg-config >/dev/null || { echo "no pkg-config: that part was left out"; exit 0; }
+PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name slide.pc)")
+export PKG_CONFIG_PATH
+link=""
+[ "$static" = OFF ] || link=-static
+# shellcheck disable=SC2046,SC2086  # lists of words
+"$cc" $(pkg-config --cflags slide) "$source/use.c" -o "$work/use_pkg_config" $link $(pkg-config --static --libs slide)
+"$work/use_pkg_config" "$work/pkg_config.html"
+cmp "$work/page.html" "$work/pkg_config.html" || fail "the same program wrote another page"
