@@ -8,6 +8,7 @@
 #include "ops/conv2d/conv2d.h"
 #include "ops/fill/fill.h"
 #include "ops/gated_conv/gated_conv2d.h"
+#include "ops/layering/distance_transform.h"
 #include "ops/layering/layering.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
@@ -188,6 +189,7 @@ constexpr Entry kEntries[] = {
      [](CaseArguments& c) {
        return cone_dilation(c.input("x"), c.number("rho"), c.integer("radius", 0, INT64_MAX));
      }},
+    {"distance_transform", [](CaseArguments& c) { return distance_transform(c.input("x")); }},
 };
 
 }  // namespace

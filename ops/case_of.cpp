@@ -8,6 +8,7 @@
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fill/fill_op.h"
 #include "ops/gated_conv/gated_conv2d_op.h"
+#include "ops/layering/distance_transform.h"
 #include "ops/layering/layering_ops.h"
 #include "ops/normalise/normalise_ops.h"
 #include "ops/pointwise/binary_op.h"
@@ -113,7 +114,8 @@ Json attributes_of(const Op& op, const Shape& output) {
     const auto extents = output.extents();
     return {{"shape", std::vector<std::int64_t>(extents.begin(), extents.end())}};
   }
-  if (as<BinaryOp>(op) != nullptr || as<MinMaxNormaliseOp>(op) != nullptr || as<SobelOp>(op) != nullptr)
+  if (as<BinaryOp>(op) != nullptr || as<MinMaxNormaliseOp>(op) != nullptr || as<SobelOp>(op) != nullptr ||
+      as<DistanceTransformOp>(op) != nullptr)
     return Json::object();
   throw Error(ErrorKind::kInternal, "the operator " + std::string(op.type()) + " has no case form");
 }
