@@ -5,7 +5,7 @@
 #   many_photos.sh [-j JOBS] [-S HOSTS] [-p PROGRAM] PHOTOS OUT [-- OPTIONS OF slide_run...]
 #
 #   -j JOBS     photos at once on each machine; default: one a core (each takes one thread)
-#   -S HOSTS    machines by ssh, as GNU parallel's --sshlogin has it: 'anna,4/bert,:' (: is this machine)
+#   -S HOSTS    machines by ssh, as GNU parallel's --sshlogin has it: 'anna,4/bert'; this one is localhost
 #   -p PROGRAM  slide_run, here and on every machine; default: slide_run
 #
 # PHOTOS/cat.jpg becomes OUT/cat.jpg.html. OUT also holds photos.list (the order of the photos) and jobs.log.
@@ -32,6 +32,9 @@ shift $((OPTIND - 1))
 [ $# -ge 2 ] || usage
 [ -d "$1" ] || { echo "many_photos.sh: $1 is no folder" >&2; exit 2; }
 photos=$(cd "$1" && pwd)
+case ",$hosts," in
+  *,:,* | */:,*) echo "many_photos.sh: in -S this machine is localhost (it must let you in by ssh), not :" >&2; exit 2 ;;
+esac
 mkdir -p "$2"
 out=$(cd "$2" && pwd)
 shift 2
@@ -50,6 +53,8 @@ rm photos.new
 
 # On other machines the photo is sent to a temporary folder, the result comes back, and the folder is removed.
 if [ -n "$hosts" ]; then
+  # GNU parallel quotes names for rsync as rsync wanted it before version 3.2.4.
+  export RSYNC_OLD_ARGS=1
   # What follows /./ is the file's name there.
   set -- --sshlogin "$hosts" --workdir ... --transferfile "$photos/./{}" --return './{}.html' --cleanup \
     "$program" --threads 1 --quiet './{}' -o './{}.html' "$@"

@@ -49,7 +49,31 @@ expect 0 1 "a new photo"
 [ "$(find "$work/out" -name '*.html' | wc -l)" = 4 ] || fail "there are not four results"
 
 run -S 1/:
-expect 0 0 "another set of machines"
+expect 2 0 "this machine is not called : there"
 code=0
 "$root/examples/many_photos.sh" "$work/none" "$work/out" 2>/dev/null || code=$?
 [ "$code" = 2 ] || fail "a missing folder is a usage error, not $code"
+
+# Another machine: its ssh runs what it is told here, in a folder of its own.
+command -v rsync >/dev/null || { echo "no rsync: several machines were not tested"; exit 0; }
+mkdir -p "$work/bin" "$work/home"
+cat >"$work/bin/ssh" <<END
+#!/bin/sh
+while case \$1 in -l | -p | -o | -S) shift 2 ;; -*) shift ;; *) false ;; esac; do :; done
+shift
+[ "\$1" != -- ] || shift
+cd "$work/home"
+export HOME="$work/home"
+exec bash -c "\$*"
+END
+chmod +x "$work/bin/ssh"
+PATH=$work/bin:$PATH
+mkdir "$work/here"
+mv "$work/out"/*.html "$work/here"
+rm -r "$work/out"
+run -S 2/another
+expect 0 4 "four photos on another machine"
+for page in "$work/here"/*.html; do
+  cmp "$page" "$work/out/$(basename "$page")" || fail "another machine made another page"
+done
+[ "$(find "$work/home" -type f ! -path '*/.parallel/semaphores/*' | grep -c -e png -e html)" = 0 ] || fail "files were left on the other machine"
