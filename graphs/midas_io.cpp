@@ -43,12 +43,15 @@ ImageSize midas_working_size(ImageSize image, std::int64_t upper_bound) {
   return {rounded(scale * height, upper_bound), rounded(scale * width, upper_bound)};
 }
 
-Value midas_preprocess(Value image, ImageSize size) {
+Value imagenet_normalise(Value image) {
   Graph& g = image.graph();
-  const auto scope = g.scope("midas_preprocess");
-  const Value resized = ops::resize_bicubic(image, size.height, size.width);
-  const Value centred = ops::sub(resized, per_channel(g, "mean", kImageNetMean));
+  const Value centred = ops::sub(image, per_channel(g, "mean", kImageNetMean));
   return ops::div(centred, per_channel(g, "std", kImageNetStd));
+}
+
+Value midas_preprocess(Value image, ImageSize size) {
+  const auto scope = image.graph().scope("midas_preprocess");
+  return imagenet_normalise(ops::resize_bicubic(image, size.height, size.width));
 }
 
 Value midas_postprocess(Value depth, ImageSize image) {

@@ -19,8 +19,12 @@ struct ImageSize {
 /// unless all numbers are positive and upper_bound is at least 32.
 [[nodiscard]] ImageSize midas_working_size(ImageSize image, std::int64_t upper_bound);
 
-/// Bicubic resizing to the working size (a = -0.75, half-pixel centres, as OpenCV's INTER_CUBIC), then
 /// (x - mean) / std with ImageNet's mean and standard deviation of each channel.
+/// @param image  1×3×H×W, RGB in [0,1]
+Value imagenet_normalise(Value image);
+
+/// Bicubic resizing to the working size (a = -0.75, half-pixel centres, as OpenCV's INTER_CUBIC), then
+/// imagenet_normalise().
 /// @param image  1×3×H×W, RGB in [0,1]
 /// @return 1×3×size, unclamped
 Value midas_preprocess(Value image, ImageSize size);

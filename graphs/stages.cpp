@@ -1,8 +1,11 @@
 #include "graphs/stages.h"
 
 #include <algorithm>
+#include <cmath>
 #include <string>
+#include <vector>
 
+#include "graphs/fba.h"
 #include "graphs/inpaint_coarse.h"
 #include "graphs/inpaint_deepfill.h"
 #include "graphs/midas_io.h"
@@ -12,6 +15,7 @@
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
 #include "graphs/u2net.h"
+#include "ops/layering/distance_transform.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/reduce/reduce.h"
@@ -23,6 +27,16 @@ namespace slide::graphs {
 namespace {
 
 constexpr std::int64_t kSaliencySide = 320;
+
+/// A soft map above the one is foreground, up to the other background, before what is near the edge is taken
+/// away.
+constexpr double kForegroundFrom = 0.9;
+constexpr double kBackgroundUpTo = 0.1;
+
+/// FBA's sides; the length its trimap's Gaussians are measured in, and their widths in it.
+constexpr std::int64_t kFbaMultiple = 8;
+constexpr double kTrimapLength = 320;
+constexpr double kTrimapWidths[] = {0.02, 0.08, 0.16};
 
 ImageSize size_of_image(Value x) { return {x.shape()[2], x.shape()[3]}; }
 
@@ -44,6 +58,9 @@ Value crop(Value x, ImageSize size) {
   if (x.shape()[3] != size.width) x = ops::slice(x, 3, 0, size.width);
   return x;
 }
+
+/// 1 - x, for x of zeros and ones
+Value complement(Value x) { return ops::affine(x, -1, 1); }
 
 /// hole ? inside : outside, for a hole of zeros and ones
 Value select(Value hole, Value inside, Value outside) {
@@ -106,6 +123,44 @@ Value estimate_matte(Value image, const NetworkChoice& network) {
   else
     throw wrong_model(network, "saliency", "slide_matte, u2netp, u2net");
   return ops::resize_bilinear(ops::min_max_normalise(map), size.height, size.width, false);
+}
+
+Value trimap(Value saliency) {
+  const ImageSize size = size_of_image(saliency);
+  const double longer = static_cast<double>(std::max(size.height, size.width));
+  const double r = std::max(2.0, std::round(longer / 100));
+  const auto farther_than_r = [&](Value from) { return ops::greater(ops::distance_transform(from), r * r); };
+  return ops::concat({farther_than_r(ops::greater(saliency, kBackgroundUpTo)),
+                      farther_than_r(complement(ops::greater(saliency, kForegroundFrom)))},
+                     1);
+}
+
+Value trimap_transform(Value two_chan_trimap) {
+  const Value squared = ops::distance_transform(two_chan_trimap);
+  std::vector<Value> gaussians;
+  for (int region = 0; region < 2; ++region)
+    for (const double width : kTrimapWidths) {
+      const double sigma = width * kTrimapLength;
+      const Value d = ops::slice(squared, 1, region, region + 1);
+      gaussians.push_back(ops::exp(ops::affine(d, -1 / (2 * sigma * sigma), 0)));
+    }
+  return ops::concat(gaussians, 1);
+}
+
+Value refine_matte(Value image, Value saliency, const NetworkChoice& network) {
+  if (network.model != "fba") throw wrong_model(network, "matting", "fba");
+  const Value regions = trimap(saliency);
+  const Value padded = pad_to_multiple(image, kFbaMultiple);
+  const Value padded_regions = pad_to_multiple(regions, kFbaMultiple);
+  const FbaInputs inputs{.image = padded,
+                         .two_chan_trimap = padded_regions,
+                         .image_n = imagenet_normalise(padded),
+                         .trimap_transformed = trimap_transform(padded_regions)};
+  const Value result = fba(inputs, FbaConfig::from_weights(*network.weights));
+  const Value alpha = crop(ops::slice(result, 1, 0, 1), size_of_image(image));
+  const Value background = ops::slice(regions, 1, 0, 1);
+  const Value foreground = ops::slice(regions, 1, 1, 2);
+  return ops::maximum(ops::mul(alpha, complement(background)), foreground);
 }
 
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,

@@ -19,6 +19,26 @@ Value estimate_disparity(Value image, const NetworkChoice& network);
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value estimate_matte(Value image, const NetworkChoice& network);
 
+/// The two sure regions of a soft map: two_chan_trimap of FbaInputs. Surely background is what lies farther
+/// than r from every pixel with M > 0.1, surely foreground what lies farther than r from every pixel with M
+/// <= 0.9; r = max(2, longer side / 100 rounded) pixels. Beyond the image's border there are no pixels: a
+/// subject that the border cuts stays sure up to it.
+/// @param saliency  M, 1×1×H×W in [0, 1];  @return 1×2×H×W of zeros and ones: background, foreground
+Value trimap(Value saliency);
+
+/// trimap_transformed of FbaInputs (MarcoForte/FBA_Matting networks/transforms.py): exp(-d²/(2·(c·320)²)) for
+/// c = 0.02, 0.08, 0.16, d the distance to the nearest pixel of the region; first of the background, then of
+/// the foreground. Zeros for a region without pixels.
+/// @param two_chan_trimap  1×2×H×W of zeros and ones;  @return 1×6×H×W
+Value trimap_transform(Value two_chan_trimap);
+
+/// The saliency network's map refined by FBA matting at the photo's size: alpha, and exactly 0 and 1 in the
+/// sure regions of trimap(), as the authors' demo has it. Sides are padded to multiples of 8 by the border
+/// pixel at the bottom and right, and cut again, where the authors resample.
+/// @param image  1×3×H×W in [0, 1];  @param saliency  1×1×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
+/// Throws Error(kUsage) if the model is no matting network.
+Value refine_matte(Value image, Value saliency, const NetworkChoice& network);
+
 /// The inpainted background.
 struct Background {
   Value image;      ///< I_bg = S·net + (1 - S)·I inside H, I elsewhere
