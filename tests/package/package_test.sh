@@ -23,11 +23,8 @@ if grep -rlF "$(cd "$source/../.." && pwd)" "$prefix" --include='*.cmake' --incl
   fail "these files name folders of the build"
 fi
 
-flags=""
-[ "$static" = OFF ] || flags="-DCMAKE_EXE_LINKER_FLAGS=-static -DCMAKE_FIND_LIBRARY_SUFFIXES=.a"
-# shellcheck disable=SC2086  # a list of words
 "$cmake" -S "$source" -B "$work/user" -DCMAKE_PREFIX_PATH="$prefix" -DCMAKE_C_COMPILER="$cc" \
-  -DCMAKE_CXX_COMPILER="$cxx" $flags >/dev/null
+  -DCMAKE_CXX_COMPILER="$cxx" -DSTATIC="$static" >/dev/null
 "$cmake" --build "$work/user" >/dev/null
 "$work/user/use_c" "$work/page.html"
 [ -s "$work/page.html" ] || fail "the example in C wrote no page"

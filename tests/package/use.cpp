@@ -1,9 +1,11 @@
 // The C++ libraries from an installed package: their headers stand on their own, and link.
 #include <cstdio>
+#include <string>
 
 #include "graphs/slide.h"
 #include "ops/conv2d/conv2d.h"
 #include "ops/resize/resize.h"
+#include "render/camera_path.h"
 #include "render/export.h"
 #include "render/image_file.h"
 #include "render/view.h"
