@@ -162,7 +162,22 @@ bool stands_out(const Tensor& matte, double coverage) {
   return fraction_above(matte, 0.9F) > kDecided * fraction_above(matte, 0.1F);
 }
 
-/// M: the user's, or the saliency network's if it is asked for and (kAuto) shows a subject.
+/// The saliency network's matte refined by the matting network.
+void refine(const SlideModels& models, const SlideOptions& options, Tensor& matte, SlideLayers& out) {
+  Stage stage("matting", options);
+  Graph& g = stage.graph();
+  g.output("M", refine_matte(g.input("image", out.image.shape()), g.input("saliency", matte.shape()),
+                             models.matting));
+  stage.run(*models.matting.weights, {{"image", out.image}, {"saliency", matte}});
+  matte = stage.take("M");
+  require_finite("refined matte", matte, ErrorKind::kInternal);
+  out.report.stages.push_back(stage.report());
+  out.report.matte_refined = true;
+  out.report.matte_coverage = fraction_above(matte, 0.5F);
+}
+
+/// M: the user's, or the saliency network's if it is asked for and (kAuto) shows a subject, refined if there
+/// is a matting network.
 void find_matte(const SlideInput& input, const SlideModels& models, const SlideOptions& options,
                 SlideLayers& out) {
   Tensor matte = input.matte;
@@ -182,6 +197,7 @@ void find_matte(const SlideInput& input, const SlideModels& models, const SlideO
   out.report.matte_coverage = fraction_above(matte, 0.5F);
   const bool forced = !input.matte.empty() || options.matte == MatteUse::kAlways;
   if (!forced && !stands_out(matte, out.report.matte_coverage)) return;
+  if (input.matte.empty() && models.matting.chosen()) refine(models, options, matte, out);
   out.matte = matte;
   out.report.matte_used = true;
 }
@@ -292,6 +308,12 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
     saliency.graph().output("M",
                             estimate_matte(saliency.graph().input("image", map.with(1, 3)), models.saliency));
     stages.push_back(std::move(saliency).plan());
+    if (models.matting.chosen()) {
+      Stage matting("matting", options);
+      Graph& g = matting.graph();
+      g.output("M", refine_matte(g.input("image", map.with(1, 3)), g.input("saliency", map), models.matting));
+      stages.push_back(std::move(matting).plan());
+    }
   }
   Stage layering("layering", options);
   output_maps(layering.graph(), soft_layering(layering.graph().input("D", map), resolve(options.layering)));
