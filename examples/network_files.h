@@ -16,7 +16,7 @@ class NetworkFiles {
   /// network then says means nothing, but its speed and memory are real.
   /// @param model  its name, if the file does not tell; may be empty
   /// @param default_model  the name of the weights inside
-  /// @param role  "depth", "inpaint", "saliency": for messages
+  /// @param role  "depth", "inpaint", "saliency", "matting": for messages
   /// @throws Error(kBadWeights) for a file that cannot be read or does not say what it is for, Error(kUsage)
   /// for an
   ///   unknown model

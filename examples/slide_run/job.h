@@ -24,6 +24,7 @@ struct JobReport {
   graphs::SlideReport slide;
   std::string depth_origin;
   std::string inpaint_origin;
+  std::string matting_origin;
   std::vector<graphs::StageReport> stages;  ///< reading to writing, the networks in between
   std::size_t triangles = 0;
   std::size_t full_mesh_triangles = 0;

@@ -59,6 +59,7 @@ void declare_networks(CLI::App& app, Options& o) {
   network("depth", o.depth_weights, o.depth_model, "slide_depth, midas_v21, midas_v21_small");
   network("inpaint", o.inpaint_weights, o.inpaint_model, "slide_inpaint, inpaint_coarse, inpaint_deepfill");
   network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");
+  network("matting", o.matting_weights, o.matting_model, "fba, which refines the matte of --matte auto");
 }
 
 void declare_output(CLI::App& app, Options& o) {

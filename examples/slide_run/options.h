@@ -23,6 +23,7 @@ struct Options {
   std::string depth_weights, depth_model;
   std::string inpaint_weights, inpaint_model;
   std::string saliency_weights, saliency_model;
+  std::string matting_weights, matting_model;
 
   // Output
   std::vector<std::string> outputs;
