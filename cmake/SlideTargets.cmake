@@ -11,6 +11,9 @@ endif()
 set(CMAKE_CXX_FLAGS_RELEASE "-O3 -DNDEBUG")
 set(CMAKE_C_FLAGS_RELEASE "-O3 -DNDEBUG")
 
+if(SLIDE_STATIC)
+  set(CMAKE_FIND_LIBRARY_SUFFIXES .a)
+endif()
 find_package(OpenMP REQUIRED COMPONENTS CXX)
 
 add_library(slide_flags INTERFACE)
@@ -27,7 +30,6 @@ if(SLIDE_SANITIZE)
 endif()
 if(SLIDE_STATIC)
   target_link_options(slide_flags INTERFACE -static)
-  set(CMAKE_FIND_LIBRARY_SUFFIXES .a)
 endif()
 
 # slide_add_library(NAME sources...): a static library of the project. Users of the installed library get none of the
