@@ -15,10 +15,10 @@ int main(int argc, char** argv) {
     const std::filesystem::path folder(argv[1]);
     std::filesystem::create_directories(folder);
     const auto file = [&folder](const char* name) { return (folder / name).string(); };
-    const slide::Layers scene = sample_scene(480, 320);
+    const slide::Layers scene = sample_scene(240, 160);
     slide::Layers single;
     single.foreground = scene.foreground;
-    const slide::Camera camera = slide::make_camera(480, 320);
+    const slide::Camera camera = slide::make_camera(240, 160);
     slide::HtmlOptions options;
     options.title = "Sample <scene> & \"more\"";
     options.parallax_percent = 10;

@@ -1,12 +1,12 @@
 // Runs Khronos' glTF validator over GLB files: no error, no warning.
-//   node validate_gltf.mjs FOLDER_WITH_NODE_MODULES FILE.glb...
-// The validator comes from npm: npm install --no-save --prefix FOLDER_WITH_NODE_MODULES gltf-validator
+//   node validate_gltf.mjs NODE_MODULES FILE.glb...
+// NODE_MODULES is the folder into which npm has installed gltf-validator.
 import fs from 'node:fs';
 import {createRequire} from 'node:module';
 import path from 'node:path';
 
 const [modules, ...files] = process.argv.slice(2);
-const validator = createRequire(path.resolve(modules) + '/')('gltf-validator');
+const validator = createRequire(import.meta.url)(path.resolve(modules, 'gltf-validator'));
 
 let failed = files.length === 0 ? 1 : 0;
 for (const file of files) {
