@@ -2,10 +2,10 @@
 """The figures of the model cards, and contact sheets to look at.
 
   evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--sheet OUT.png]
-  evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--sheet OUT.png]
+  evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--views VIEWS] [--sheet OUT.png]
   evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--sheet OUT.png]
 
-VIEWS holds rectified stereo scenes (left.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
+VIEWS holds rectified stereo scenes (left.png, right.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
 GTnn_alpha.png. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
 """
 import argparse
@@ -22,7 +22,7 @@ from scipy import ndimage
 from common import Ragged, load_safetensors
 from depth_net import DepthNet
 from fill import background_weight, push_pull_fill
-from inpaint_data import InpaintData
+from inpaint_data import InpaintData, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
 from train_matte import input_size, predict
@@ -134,6 +134,61 @@ def depth(a):
 
 # ---- inpainting
 
+def uncovered(d):
+    """Left disparity (pixels) -> pixels of the right view that no left pixel maps to, and the background's disparity there."""
+    h, w = d.shape
+    right = np.full((h, w), -1.)
+    for y in range(h):
+        x = np.round(np.arange(w) - d[y]).astype(int)
+        keep = (x >= 0) & (x < w)
+        np.maximum.at(right[y], x[keep], d[y][keep])
+    hole = ndimage.binary_opening(right < 0, np.ones((1, 3)))
+    left_of, right_of = right.copy(), right.copy()
+    for x in range(1, w):
+        left_of[:, x] = np.where(right[:, x] < 0, left_of[:, x - 1], right[:, x])
+    for x in range(w - 2, -1, -1):
+        right_of[:, x] = np.where(right[:, x] < 0, right_of[:, x + 1], right[:, x])
+    back = np.where(left_of < 0, right_of, np.where(right_of < 0, left_of, np.minimum(left_of, right_of)))
+    hole &= (left_of >= 0) & (right_of >= 0)
+    return hole, back
+
+
+def stereo(net, folder):
+    """What the right view uncovers, taken from the inpainted left view: PSNR in the uncovered pixels."""
+    scores = {}
+    for scene in sorted(glob.glob(folder + '/*/scene.json')):
+        with open(scene) as f:
+            info = json.load(f)
+        here = os.path.dirname(scene) + '/'
+        left, right = (cv2.imread(here + info[n])[..., ::-1].copy() for n in ('source_image', 'target_image'))
+        d = cv2.imread(here + info['disparity'], cv2.IMREAD_UNCHANGED) * float(info['disparity_scale'])
+        index = ndimage.distance_transform_edt(d <= 0, return_distances=False, return_indices=True)
+        d = d[index[0], index[1]]
+        hole, back = uncovered(d)
+        h, w = (v // 4 * 4 for v in d.shape)
+        d1, _, mask = layering(((d - d.min()) / np.ptp(d)).astype(np.float32), np.ptp(d))
+        rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
+        s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
+        with torch.no_grad():
+            weight = background_weight(dt, ht)
+            ours = {'fill': push_pull_fill(s, weight)[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
+        unknown = weight[0, 0].numpy() < .5
+        rgb = np.ascontiguousarray(left[:h, :w])
+        ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
+        ours['Navier-Stokes'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_NS).transpose(2, 0, 1) / 127.5 - 1
+        index = ndimage.distance_transform_edt(unknown, return_distances=False, return_indices=True)
+        ours['nearest copy'] = s[0, :3].numpy()[:, index[0], index[1]]
+        y, x = np.nonzero(hole[:h, :w])
+        at = np.round(x + back[y, x]).astype(int)
+        inside = at < w
+        y, x, at = y[inside], x[inside], at[inside]
+        for name, v in ours.items():
+            error = (v[:, y, at].clip(-1, 1) - (right[y, x].T / 127.5 - 1)) / 2
+            scores.setdefault(name, []).append((-10 * np.log10((error ** 2).mean()), np.abs(error).mean()))
+    for name, rows in scores.items():
+        print(f'stereo, {name:14s} PSNR {np.mean(rows, 0)[0]:.2f} dB, L1 {np.mean(rows, 0)[1]:.4f}; each {", ".join(f"{r[0]:.2f}" for r in rows)}', flush=True)
+
+
 def inpaint(a):
     net, data = load(InpaintNet(), a.weights), InpaintData(a.cache, 99, 160, held=True)
     scores, tiles = {}, []
@@ -171,6 +226,8 @@ def inpaint(a):
         print(f'{name:34s} PSNR {p:.2f} dB, L1 {l1:.4f}, gradient {np.nanmedian([r[2] for r in rows]):.2f} of the truth\'s, way to the foreground\'s colour {leak:+.3f}')
     gain = np.array([r[0] for r in scores['network']]) - np.array([r[0] for r in scores['fill']])
     print(f'the network over the fill: {gain.mean():+.3f} dB, better in {100 * (gain > 0).mean():.0f}%, worst {gain.min():+.2f} dB')
+    if a.views:
+        stereo(net, a.views)
     if a.sheet:
         rows = [np.hstack([((v + 1) * 127.5).clip(0, 255).astype(np.uint8).transpose(1, 2, 0) for v in r]) for r in tiles]
         cv2.imwrite(a.sheet, np.hstack([np.vstack(rows[:12]), np.vstack(rows[12:])])[..., ::-1])

@@ -48,10 +48,22 @@ class InpaintNet(nn.Module):
     def correction(self, filled, weight, hole):
         x = torch.cat([filled, weight, hole], 1)
         for i in range(1, 16):
-            if i in (12, 14):
-                x = F.interpolate(x, scale_factor=2, mode='nearest')
-            x = getattr(self, f'conv{i}')(x)
+            x = getattr(self, f'conv{i}')(self.enlarge(x, i))
         return self.conv16(x)
+
+    @staticmethod
+    def enlarge(x, i):
+        return F.interpolate(x, scale_factor=2, mode='nearest') if i in (12, 14) else x
+
+    @torch.no_grad()
+    def calibrate(self, x):
+        """Scales the layers so that their outputs have deviation 1 (Mishkin and Matas 2016). Every gate halves: without this
+        nothing is left of the picture after fifteen layers, and nothing is learnt."""
+        for i in range(1, 16):
+            layer, x = getattr(self, f'conv{i}'), self.enlarge(x, i)
+            for _ in range(5):
+                layer.conv.weight /= layer(x).std()
+            x = layer(x)
 
     def forward(self, rgbd, d, hole):
         """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 4 -> RGBD of the background"""

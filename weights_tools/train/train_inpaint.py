@@ -68,6 +68,10 @@ def main():
     net = InpaintNet()
     if saved:
         net.load_state_dict(saved['net'])
+    else:
+        scene, _, d, _, hole, _, _ = (torch.from_numpy(np.stack(t)) for t in zip(*[data.sample() for _ in range(8)]))
+        weight = background_weight(d, hole)
+        net.calibrate(torch.cat([push_pull_fill(scene, weight), weight, hole], 1))
     net = net.to(a.device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=a.rate, betas=(.9, .99), weight_decay=1e-3)
     average = Average(net)
