@@ -16,8 +16,6 @@
 
 #include "runtime/error.h"
 
-extern char** environ;
-
 namespace slide {
 namespace {
 
@@ -43,7 +41,7 @@ std::string find_on_path(const std::string& program) {
   const char* path = std::getenv("PATH");
   std::istringstream folders(path != nullptr ? path : "/usr/local/bin:/usr/bin:/bin");
   for (std::string folder; std::getline(folders, folder, ':');) {
-    const std::string candidate = (folder.empty() ? "." : folder) + "/" + program;
+    std::string candidate = (folder.empty() ? "." : folder) + "/" + program;
     std::error_code code;
     if (std::filesystem::is_regular_file(candidate, code) && ::access(candidate.c_str(), X_OK) == 0)
       return candidate;
@@ -82,6 +80,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   posix_spawnattr_setsigdefault(&options.attributes, &defaults);
   posix_spawnattr_setflags(&options.attributes, POSIX_SPAWN_SETSIGDEF);
   std::vector<char*> argv;
+  argv.reserve(arguments.size() + 1);
   for (const std::string& argument : arguments) argv.push_back(const_cast<char*>(argument.c_str()));
   argv.push_back(nullptr);
   const int code =

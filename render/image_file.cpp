@@ -56,7 +56,7 @@ Image flattened_on_black(const Image& image, const Image& alpha) {
   return out;
 }
 
-Photo to_photo(Decoded decoded, const std::string& name) {
+Photo to_photo(const Decoded& decoded, const std::string& name) {
   const Image& stored = decoded.image;
   Photo photo;
   const std::optional<double> focal = focal_length_pixels(decoded.exif, stored.width, stored.height);
@@ -98,9 +98,8 @@ void require_finite(const Image& map, const std::string& name) {
 
 Image to_map(Decoded decoded, const std::string& name) {
   require_equal_channels(decoded.image, name);
-  const Image map =
-      oriented(decoded.image.channels == 1 ? std::move(decoded.image) : channel_of(decoded.image, 0),
-               decoded.exif.orientation);
+  Image map = oriented(decoded.image.channels == 1 ? std::move(decoded.image) : channel_of(decoded.image, 0),
+                       decoded.exif.orientation);
   require_finite(map, name);
   return map;
 }
@@ -169,7 +168,7 @@ Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name)
   try {
     std::optional<Decoded> decoded = decode_known(bytes, name);
     if (!decoded) unknown_format(name);
-    return to_photo(std::move(*decoded), name);
+    return to_photo(*decoded, name);
   } catch (const std::bad_alloc&) {
     out_of_memory(name);
   }

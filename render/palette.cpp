@@ -182,6 +182,7 @@ std::vector<Rgb8> make_palette(const ColourHistogram& histogram, int size) {
   std::vector<std::array<double, 3>> means = box_means(entries, static_cast<std::size_t>(size));
   move_to_cluster_means(entries, means);
   std::vector<Rgb8> palette;
+  palette.reserve(means.size());
   for (const auto& m : means) palette.push_back({rounded(m[0]), rounded(m[1]), rounded(m[2])});
   std::sort(palette.begin(), palette.end(), [](const Rgb8& a, const Rgb8& b) {
     const double la = luma(a);

@@ -30,7 +30,7 @@ std::string rate(double fps) {
   return std::to_string(thousandths / divisor) + ":" + std::to_string(1000 / divisor);
 }
 
-std::uint8_t rounded(float v) { return static_cast<std::uint8_t>(v + 0.5F); }
+std::uint8_t rounded(float v) { return static_cast<std::uint8_t>(std::lround(v)); }
 
 /// Where the stream goes: a file that appears when it is complete, or a descriptor that is written as it
 /// comes.

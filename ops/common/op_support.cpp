@@ -4,7 +4,8 @@ namespace slide::ops {
 
 Error shape_error(const std::string& text) { return Error(ErrorKind::kInternal, text); }
 
-void require_input_count(std::string_view op, std::span<const Shape> inputs, std::size_t least, std::size_t most) {
+void require_input_count(std::string_view op, std::span<const Shape> inputs, std::size_t least,
+                         std::size_t most) {
   if (inputs.size() >= least && inputs.size() <= most) return;
   const std::string wanted =
       least == most ? std::to_string(least) : std::to_string(least) + " to " + std::to_string(most);
@@ -32,7 +33,8 @@ void require_at_least(std::string_view what, std::int64_t value, std::int64_t le
 int require_axis(std::string_view op, int axis, const Shape& shape) {
   const int index = axis < 0 ? axis + shape.rank() : axis;
   if (index < 0 || index >= shape.rank())
-    throw shape_error(std::string(op) + ": axis " + std::to_string(axis) + " of a tensor of shape " + shape.text());
+    throw shape_error(std::string(op) + ": axis " + std::to_string(axis) + " of a tensor of shape " +
+                      shape.text());
   return index;
 }
 

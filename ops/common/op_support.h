@@ -10,10 +10,12 @@
 
 namespace slide::ops {
 
-/// What every operator's shape inference needs. All throw Error(kInternal); Graph::add() puts the layer's name in front.
+/// What every operator's shape inference needs. All throw Error(kInternal); Graph::add() puts the layer's
+/// name in front.
 
 /// "conv2d needs 2 inputs, got 3"
-void require_input_count(std::string_view op, std::span<const Shape> inputs, std::size_t least, std::size_t most);
+void require_input_count(std::string_view op, std::span<const Shape> inputs, std::size_t least,
+                         std::size_t most);
 
 /// "the weight has shape 3x4, a tensor of rank 4 is needed"
 void require_rank(std::string_view what, const Shape& shape, int rank);

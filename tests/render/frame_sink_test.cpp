@@ -372,3 +372,27 @@ TEST_CASE("No ffmpeg, one that fails and one that stops reading each give a clea
   CHECK(contains(usage_message([&] { write_frames(video, {640, 480, 24, 5}); }), "stopped reading"));
   CHECK(folder.entries() == 1);  // the script
 }
+
+TEST_CASE("An ffmpeg that is on PATH makes MP4 with its index at the front, and WebM") {
+  const TemporaryFolder folder;
+  try {
+    write_frames(folder.file("a.mp4"), {33, 21, 24, 3});
+    write_frames(folder.file("a.webm"), {33, 21, 24, 3});
+  } catch (const slide::Error& e) {
+    REQUIRE(contains(e.what(), "ffmpeg was not found on PATH"));
+    MESSAGE("no ffmpeg here");
+    return;
+  }
+  const std::vector<std::uint8_t> mp4 = slide::read_file(folder.file("a.mp4"));
+  const auto place = [&mp4](const std::string& box) {
+    return std::search(mp4.begin(), mp4.end(), box.begin(), box.end()) - mp4.begin();
+  };
+  CHECK(place("ftyp") == 4);
+  CHECK(place("moov") < place("mdat"));
+  CHECK(place("mdat") < static_cast<std::ptrdiff_t>(mp4.size()));
+  const std::vector<std::uint8_t> webm = slide::read_file(folder.file("a.webm"));
+  REQUIRE(webm.size() > 100);
+  CHECK(std::vector<std::uint8_t>(webm.begin(), webm.begin() + 4) ==
+        std::vector<std::uint8_t>{0x1A, 0x45, 0xDF, 0xA3});
+  CHECK(folder.entries() == 2);
+}
