@@ -187,8 +187,7 @@ InpaintReach inpaint_reach(const NetworkChoice& network) {
   // Attention reaches everywhere; the dilated branches of both stages reach twice the coarse network's
   // radius.
   if (network.model == "inpaint_deepfill") return {2 * kCoarse + 8, 8, false};
-  if (network.model == "slide_inpaint") return {kCoarse + 8, 4, false};
-  return {64, 4, false};  // the fill: averages of ever wider surroundings
+  return {kCoarse + 8, 4, false};  // slide_inpaint and the fill: averages of ever wider surroundings
 }
 
 }  // namespace slide::graphs

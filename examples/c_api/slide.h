@@ -45,7 +45,7 @@ typedef struct slide_settings {
   double fps;                  /* default 30 */
   size_t memory_limit;         /* bytes for a stage; 0 (default): none */
   const char* depth_weights;   /* a safetensors file; NULL (default): the weights inside the library */
-  const char* inpaint_weights; /* likewise */
+  const char* inpaint_weights; /* likewise; NULL (default): the depth-aware fill, no network */
   slide_progress progress;     /* NULL (default): none */
   void* user;                  /* given to it */
 } slide_settings;

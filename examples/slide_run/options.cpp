@@ -44,7 +44,8 @@ void declare_input(CLI::App& app, Options& o) {
 }
 
 void declare_networks(CLI::App& app, Options& o) {
-  const char* group = "Networks (default: the weights inside this program)";
+  const char* group =
+      "Networks (default: slide_depth and slide_matte inside this program; the depth-aware fill inpaints)";
   const auto network = [&](const char* role, std::string& weights, std::string& model, const char* models) {
     const std::string flag = std::string("--") + role;
     app.add_option(flag + "-weights", weights,
