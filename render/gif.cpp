@@ -121,7 +121,7 @@ class GifSink : public FrameSink {
   void do_finish() override;
   [[noreturn]] void spool_failed() const {
     throw Error(ErrorKind::kUsage, "cannot keep the frames of " + path_ + " in a temporary file",
-                "make room in the folder for temporary files (TMPDIR), or ask for fewer or smaller frames");
+                "make room in the folder for temporary files, or ask for fewer or smaller frames");
   }
   /// In 1/100 s, so that frame i ends at the hundredth nearest to (i + 1) / fps.
   [[nodiscard]] int delay(int i) const {
