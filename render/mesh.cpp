@@ -15,7 +15,7 @@ std::size_t Mesh::triangle_count() const noexcept {
 std::array<std::uint32_t, 3> Mesh::triangle(std::size_t index) const {
   if (!full) return triangles[index];
   const std::size_t cell = index / 2;
-  const auto cells = static_cast<std::size_t>(width + 1);
+  const auto cells = static_cast<std::size_t>(width) + 1;
   const auto column = static_cast<std::uint32_t>(cell % cells);
   const auto row = static_cast<std::uint32_t>(cell / cells);
   const auto columns = static_cast<std::uint32_t>(grid_columns());

@@ -37,7 +37,7 @@ Value Graph::parameter(std::string_view name, const Shape& shape) {
   return {*this, known->second};
 }
 
-Value Graph::constant(std::string_view name, Tensor value) {
+Value Graph::constant(std::string_view name, const Tensor& value) {
   const Shape shape = value.shape();
   return append({NodeKind::kConstant, full(name), shape, nullptr, {}, value.to(DType::kF64)});
 }

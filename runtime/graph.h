@@ -73,7 +73,7 @@ class Graph {
   /// Error(kInternal) if the shapes then differ.
   Value parameter(std::string_view name, const Shape& shape);
   /// A fixed F64 tensor.
-  Value constant(std::string_view name, Tensor value);
+  Value constant(std::string_view name, const Tensor& value);
   /// The result of an operator. The node is named after the scope and the operator's type, numbered if
   /// needed. Throws Error(kInternal) naming the layer and the shapes that do not fit.
   Value add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs);
