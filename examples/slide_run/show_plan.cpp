@@ -46,11 +46,11 @@ std::size_t planned_memory(std::size_t photo_pixels, int height, int width, cons
   // float32 planes alive while a stage runs: the photo as read and as tensor 6, D D1 A S S_hat H matte 7,
   // background 4.
   constexpr std::size_t kStagePlanes = 6 + 7 + 4;
-  // While views are drawn or encoded: both layers as images 9 and the copies that encoders make 8; for each
+  // While views are drawn or encoded: both layers as images 9 and the copies that encoders make 12; for each
   // vertex of both meshes its place, disparity, texture and screen coordinates.
-  constexpr std::size_t kDrawingBytes = (9 + 8) * sizeof(float) + 2 * 56;
-  // Buffers of image files, threads' stacks, what an allocator keeps back.
-  constexpr std::size_t kBuffers = std::size_t{24} << 20;
+  constexpr std::size_t kDrawingBytes = (9 + 12) * sizeof(float) + 2 * 56;
+  // Buffers of image files, palettes, threads' stacks, what an allocator keeps back.
+  constexpr std::size_t kBuffers = std::size_t{32} << 20;
   std::size_t stage_memory = 0;
   for (const graphs::PlannedStage& stage : graphs::plan_layers(height, width, models, known, options))
     stage_memory = std::max(stage_memory, stage.plan.memory_bytes());

@@ -175,7 +175,7 @@ TEST_CASE("no more memory is used than was planned") {
 #if SLIDE_PLAIN_MEMORY  // no sanitizer's shadow memory, no emulator
     CHECK_MESSAGE(report["peak_memory_bytes"].get<double>() <=
                       report["photos"][0]["planned_memory_bytes"].get<double>(),
-                  output);
+                  std::string(output));
 #endif
   }
 }
