@@ -62,9 +62,7 @@ int guarded(const Arguments& arguments) {
   }
 }
 
-}  // namespace
-
-int main(int argc, char** argv) {
+int parse_and_run(int argc, char** argv) {
   CLI::App app(
       "Converts PyTorch checkpoints (.pt, .pth) and safetensors files to safetensors, and shows what they "
       "hold.");
@@ -89,4 +87,15 @@ int main(int argc, char** argv) {
   }
   slide::remove_unfinished_files_on_signals();
   return guarded(arguments);
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return parse_and_run(argc, argv);
+  } catch (...) {  // only what declaring the options may throw
+    std::fputs("slide_convert: internal error\n", stderr);
+    return slide::exit_code(slide::ErrorKind::kInternal);
+  }
 }
