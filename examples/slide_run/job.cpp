@@ -43,7 +43,6 @@ class Job {
       tensors_.matte =
           matte_from_map(read_map(options_.matte), report_.width, report_.height, options_.matte);
     report_.depth_origin = options_.depth.empty() ? describe(models_.choices().depth) : options_.depth;
-    report_.inpaint_origin = describe(models_.choices().inpaint);
     report_.matting_origin = describe(models_.choices().matting);
   }
 

@@ -23,7 +23,6 @@ struct JobReport {
   double edge_zoom = 1;
   graphs::SlideReport slide;
   std::string depth_origin;
-  std::string inpaint_origin;
   std::string matting_origin;
   std::vector<graphs::StageReport> stages;  ///< reading to writing, the networks in between
   std::size_t triangles = 0;
