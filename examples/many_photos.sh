@@ -51,6 +51,9 @@ cat photos.new >>photos.list
 rm photos.new
 [ -s photos.list ] || { echo "many_photos.sh: no photo in $photos" >&2; exit 2; }
 
+# Where no SHELL is set (containers, services), GNU parallel guesses one from its parents, and can guess none that works.
+export SHELL="${SHELL:-/bin/sh}"
+
 # On other machines the photo is sent to a temporary folder, the result comes back, and the folder is removed.
 if [ -n "$hosts" ]; then
   # GNU parallel quotes names for rsync as rsync wanted it before version 3.2.4.

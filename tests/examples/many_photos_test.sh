@@ -71,6 +71,7 @@ PATH=$work/bin:$PATH
 mkdir "$work/here"
 mv "$work/out"/*.html "$work/here"
 rm -r "$work/out"
+unset SHELL # as in a container
 run -S 2/another
 expect 0 4 "four photos on another machine"
 for page in "$work/here"/*.html; do
