@@ -46,6 +46,14 @@ Value Graph::add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs)
   const std::string base = full(op->type());
   std::string name = base;
   for (int i = 2; by_name_.contains(name); ++i) name = base + "_" + std::to_string(i);
+  return append_op(std::move(op), inputs, std::move(name));
+}
+
+Value Graph::add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs, std::string_view name) {
+  return append_op(std::move(op), inputs, full(name));
+}
+
+Value Graph::append_op(std::shared_ptr<const Op> op, const std::vector<Value>& inputs, std::string name) {
   std::vector<Shape> shapes;
   std::vector<int> indices;
   for (const Value& v : inputs) {

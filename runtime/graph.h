@@ -77,6 +77,8 @@ class Graph {
   /// The result of an operator. The node is named after the scope and the operator's type, numbered if
   /// needed. Throws Error(kInternal) naming the layer and the shapes that do not fit.
   Value add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs);
+  /// The same with a name of its own, prefixed by the scope. Throws Error(kInternal) too if it is taken.
+  Value add(std::shared_ptr<const Op> op, const std::vector<Value>& inputs, std::string_view name);
 
   /// Declares a result of the graph, under a name (not prefixed by the scope).
   void output(std::string_view name, Value value);
@@ -96,6 +98,7 @@ class Graph {
   friend class Scope;
   [[nodiscard]] std::string full(std::string_view name) const;
   Value append(Node node);
+  Value append_op(std::shared_ptr<const Op> op, const std::vector<Value>& inputs, std::string name);
 
   std::vector<Node> nodes_;
   std::map<std::string, int, std::less<>> by_name_;

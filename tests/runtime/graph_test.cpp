@@ -33,6 +33,17 @@ TEST_CASE("a mismatch is found while the graph is built and names the layer and 
   CHECK(message.find("2x4") != std::string::npos);
 }
 
+TEST_CASE("a node may be given a name of its own, which the scope prefixes and which must be free") {
+  Graph g;
+  const Value x = g.input("x", {2});
+  const auto scope = g.scope("block1");
+  const Value named = g.add(std::make_shared<slide::test::SumOp>(), {x, x}, "both");
+  CHECK(g.node(named.node()).name == "block1.both");
+  CHECK(message_of([&] {
+          (void)g.add(std::make_shared<slide::test::SumOp>(), {x, x}, "both");
+        }).find("block1.both") != std::string::npos);
+}
+
 TEST_CASE("the reference executor hands out outputs, taps and kept nodes, and drops the rest") {
   Graph g;
   const Value x = g.input("x", {2});
