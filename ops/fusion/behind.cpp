@@ -1,0 +1,146 @@
+#include <algorithm>
+#include <cmath>
+
+#include "ops/conv2d/conv2d_op.h"
+#include "ops/fusion/rewrites.h"
+#include "ops/normalise/normalise_ops.h"
+#include "ops/pointwise/binary_op.h"
+#include "ops/pointwise/unary_op.h"
+#include "ops/tensor_shape/tensor_shape_ops.h"
+
+namespace slide::ops {
+namespace {
+
+/// What a convolution's result is multiplied with and what is then added, per channel: nodes of shape C.
+struct ChannelMap {
+  int scale, shift;
+};
+
+/// The convolution that makes node i, if only node i's one reader reads it and it has neither gate nor
+/// activation, behind which nothing more fits.
+const Conv2dOp* open_conv(const Draft& draft, int i) {
+  const auto* conv = draft.as<Conv2dOp>(i);
+  const bool open =
+      conv != nullptr && draft.read_once(i) && !conv->fusion().gate && conv->fusion().activation == nullptr;
+  return open ? conv : nullptr;
+}
+
+/// Whether the convolution is w ∗ x + b with constant w and b, and no more.
+bool foldable(const Draft& draft, int i, const Conv2dOp& conv) {
+  const std::vector<int>& inputs = draft.node(i).inputs;
+  return !conv.fusion().residual &&
+         std::all_of(inputs.begin() + 1, inputs.end(), [&](int j) { return draft.constant(j); });
+}
+
+int add_unary(Draft& draft, int owner, UnaryKind kind, int x, double a = 0, double b = 0) {
+  return draft.add(owner, std::make_shared<UnaryOp>(kind, a, b), {x});
+}
+
+int add_binary(Draft& draft, int owner, BinaryKind kind, int x, int other) {
+  return draft.add(owner, std::make_shared<BinaryOp>(kind), {x, other});
+}
+
+/// Node i becomes the convolution scale · (w ∗ x + b) + shift, that is (scale·w) ∗ x + (scale·b + shift).
+void fold(Draft& draft, int i, int conv, const ChannelMap& map) {
+  const Conv2dOp& op = *draft.as<Conv2dOp>(conv);
+  std::vector<int> inputs = draft.node(conv).inputs;
+  const std::int64_t channels = draft.node(map.scale).shape[0];
+  const int filters = draft.add(i, std::make_shared<ReshapeOp>(Shape{channels, 1, 1, 1}), {map.scale});
+  inputs[1] = add_binary(draft, i, BinaryKind::kMul, inputs[1], filters);
+  if (inputs.size() < 3) {
+    inputs.push_back(map.shift);
+  } else {
+    const int scaled = add_binary(draft, i, BinaryKind::kMul, inputs[2], map.scale);
+    inputs[2] = add_binary(draft, i, BinaryKind::kAdd, scaled, map.shift);
+  }
+  draft.replace(i, std::make_shared<Conv2dOp>(op.params(), op.fusion()), inputs);
+}
+
+/// weight / sqrt(var + eps), and bias - mean · scale.
+ChannelMap map_of(Draft& draft, int i, const BatchNormOp& norm) {
+  const std::vector<int> inputs = draft.node(i).inputs;
+  const int variance = add_unary(draft, i, UnaryKind::kAffine, inputs[4], 1, norm.eps());
+  const int deviation = add_unary(draft, i, UnaryKind::kSqrt, variance);
+  const int scale = add_binary(draft, i, BinaryKind::kDiv, inputs[1], deviation);
+  const int mean = add_binary(draft, i, BinaryKind::kMul, inputs[3], scale);
+  return {scale, add_binary(draft, i, BinaryKind::kSub, inputs[2], mean)};
+}
+
+/// a and b in every channel.
+ChannelMap map_of(Draft& draft, int i, const UnaryOp& affine) {
+  const Shape channels{draft.node(i).shape[1]};
+  const int scale = draft.add_constant(i, channels, affine.a());
+  return {scale, draft.add_constant(i, channels, affine.b())};
+}
+
+/// Whether batch norm or affine() i was folded into the convolution before it.
+bool fold_norm(Draft& draft, int i) {
+  const auto* norm = draft.as<BatchNormOp>(i);
+  const auto* unary = draft.as<UnaryOp>(i);
+  const bool affine = unary != nullptr && unary->kind() == UnaryKind::kAffine;
+  if (norm == nullptr && !affine) return false;
+  const std::vector<int> inputs = draft.node(i).inputs;
+  const Conv2dOp* conv = open_conv(draft, inputs[0]);
+  if (conv == nullptr || !foldable(draft, inputs[0], *conv)) return false;
+  if (!std::all_of(inputs.begin() + 1, inputs.end(), [&](int j) { return draft.constant(j); })) return false;
+  fold(draft, i, inputs[0], norm != nullptr ? map_of(draft, i, *norm) : map_of(draft, i, *unary));
+  return true;
+}
+
+/// add() i becomes the later of the two convolutions before it, with the other summand as its residual.
+void fuse_residual(Draft& draft, int i) {
+  const auto* add = draft.as<BinaryOp>(i);
+  if (add == nullptr || add->kind() != BinaryKind::kAdd) return;
+  const std::vector<int> summands = draft.node(i).inputs;
+  if (draft.node(summands[0]).shape != draft.node(summands[1]).shape) return;
+  const auto [first, last] = std::minmax({summands[0], summands[1]});
+  for (const auto& [conv, other] : {std::pair(last, first), std::pair(first, last)}) {
+    const Conv2dOp* op = open_conv(draft, conv);
+    if (op == nullptr || op->fusion().residual) continue;
+    Conv2dFusion fusion = op->fusion();
+    fusion.residual = true;
+    std::vector<int> inputs = draft.node(conv).inputs;
+    if (inputs.size() < 3) inputs.push_back(draft.add_constant(i, {draft.node(i).shape[1]}, 0));
+    inputs.push_back(other);
+    return draft.replace(i, std::make_shared<Conv2dOp>(op->params(), fusion), inputs);
+  }
+}
+
+/// Whether |f(a) - f(b)| <= |a - b|, so that no error of a convolution grows by it.
+bool contracts(const UnaryOp& f) {
+  switch (f.kind()) {
+    case UnaryKind::kRelu:
+    case UnaryKind::kRelu6:
+    case UnaryKind::kSigmoid:
+    case UnaryKind::kTanh:
+    case UnaryKind::kClip:
+      return true;
+    case UnaryKind::kLeakyRelu:
+    case UnaryKind::kElu:
+    case UnaryKind::kAffine:
+      return std::fabs(f.a()) <= 1;
+    default:
+      return false;
+  }
+}
+
+void fuse_activation(Draft& draft, int i) {
+  const auto* activation = draft.as<UnaryOp>(i);
+  if (activation == nullptr || !contracts(*activation)) return;
+  const int before = draft.node(i).inputs[0];
+  const Conv2dOp* conv = open_conv(draft, before);
+  if (conv == nullptr) return;
+  Conv2dFusion fusion = conv->fusion();
+  fusion.activation = std::static_pointer_cast<const UnaryOp>(draft.node(i).op);
+  draft.replace(i, std::make_shared<Conv2dOp>(conv->params(), fusion), draft.node(before).inputs);
+}
+
+}  // namespace
+
+void fuse_behind(Draft& draft, int i) {
+  if (draft.constant(i) || fold_norm(draft, i)) return;
+  fuse_residual(draft, i);
+  fuse_activation(draft, i);
+}
+
+}  // namespace slide::ops

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <memory>
+
+#include "runtime/graph.h"
+
+namespace slide::ops {
+
+/// What fuse() may be told.
+struct FusionOptions {
+  bool keep_taps = false;  ///< tensors that have a tap are results too: nothing is fused across them
+};
+
+/// Writes a graph anew with fewer and larger nodes, which compute the same: in exact arithmetic for every
+/// finite input, in float64 up to roundings. It has the inputs, parameters and outputs of `graph` in the same
+/// order. A node of the new graph has the name of the node of the old one that makes the same tensor; taps
+/// stay where there still is that tensor. Into a convolution go (ops/conv2d/conv2d_method.h, Conv2dFusion):
+///
+/// - behind it, where each reads the one before and nothing else does:
+///   batch norm and affine(): into weight and bias, by nodes on constants that a plan folds in float64;
+///   then an add() of a tensor of the same shape (of two convolutions the later one takes the other);
+///   then an activation of slope at most 1: relu, relu6, leaky_relu, elu, sigmoid, tanh, clip, affine.
+///   A gated convolution has nothing behind it;
+/// - before it, where only convolutions read it: relu(), zero padding, and the nearest upsampling by 2 of 3×3
+///   convolutions that keep the size.
+///
+/// Nodes that copy their input (concat of one, resize, slice or reshape to the same shape, affine 1·x + 0)
+/// and nodes that no output depends on are left out.
+[[nodiscard]] std::unique_ptr<Graph> fuse(const Graph& graph, const FusionOptions& options = {});
+
+}  // namespace slide::ops
