@@ -1,0 +1,102 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+
+#include "ops/conv2d/conv2d_geometry.h"
+#include "ops/conv2d/conv2d_method.h"
+#include "ops/conv2d/conv2d_routines.h"
+#include "ops/conv2d/winograd_matrices.h"
+#include "ops/conv2d/winograd_routines.h"
+
+namespace slide::ops {
+
+/// Convolutions of 3x3 and stride 1 by Winograd's F(m×m, 3×3): tiles of m×m outputs, each from (m + 2)²
+/// inputs that are transformed, multiplied frequency by frequency as matrices (oc × ic by ic × tiles), and
+/// transformed back. See winograd_matrices.h. A dilation d makes d² undilated convolutions of its phases,
+/// the pixels of equal coordinates modulo d, which are tiled like images and multiplied together.
+///
+/// Tiles are numbered line by line; a line is a row of tiles of one vertical phase, and within it adjacent
+/// numbers are the horizontal phases of a tile, then the next tile. So at every dilation neighbours in
+/// number are neighbours in memory.
+///
+/// Error: with n = m / 2 pairs of points, a product meets n roundings in each of the input's two transforms,
+/// one of the transformed weight, those of its sum (blocks of block_depth channels, see Conv2dGemm), n + 1 in
+/// each of the output's two and one of the bias; without fused multiply-add 2·n and n + 2 in a transform.
+/// They are relative to
+///   s = |Aᵀ| [(|G| |w| |Gᵀ|) ⊙ (|Bᵀ| |x| |B|) summed over the channels] |A| + |b|
+/// (error_scale()), not to |w| ∗ |x|: |y - y64| <= c·u·s. Sums of large numbers of both signs may come out
+/// worse than from a direct convolution, and an infinite or NaN input spoils its tile.
+class Conv2dWinogradBase {
+ public:
+  [[nodiscard]] std::size_t packed_bytes() const noexcept;
+  void pack(const float* weight, std::byte* packed) const;
+  [[nodiscard]] std::size_t scratch_bytes() const noexcept;
+  [[nodiscard]] double error_factor() const noexcept;
+  [[nodiscard]] double macs() const noexcept;
+  /// Runs at most as many threads as there were when scratch_bytes() was asked.
+  void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
+
+ protected:
+  Conv2dWinogradBase(int tile, const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                     const Conv2dFusion& fusion);
+  /// Whether it can.
+  [[nodiscard]] static bool possible(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  static void error_scale(int tile, const Conv2dGeometry& g, std::span<const Tensor> inputs,
+                          std::span<double> scale);
+
+ private:
+  struct Strip;
+  struct Task;
+  struct Run;
+  [[nodiscard]] std::int64_t filter_of_row(std::int64_t row) const noexcept;
+  [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
+  [[nodiscard]] std::int64_t input_size() const noexcept;
+  [[nodiscard]] std::int64_t task_size() const noexcept;
+  [[nodiscard]] std::int64_t tasks_of(std::int64_t tiles) const noexcept;
+  void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
+                 std::int64_t slots) const;
+  void transform_channel(const Strip& strip, std::int64_t channel, const float* x, float* v,
+                         float* memory) const;
+  void run_task(const Strip& strip, const Task& task, const Conv2dArrays& arrays, const float* v,
+                float* memory) const;
+  void write_row(const Run& run, std::int64_t row, float* sums, const Conv2dArrays& arrays) const;
+
+  const Conv2dRoutines& routines_;
+  Conv2dGeometry g_;
+  bool gated_, relu_input_;
+  Conv2dEpilogue epilogue_;
+  WinogradMatrices matrices_;
+  WinogradPoints points_;
+  WinogradTransforms transforms_;
+  std::int64_t tile_;         // m
+  std::int64_t frequencies_;  // (m + 2)²
+  std::int64_t block_depth_;  // channels summed before they are added to the products
+  std::int64_t lines_;        // of tiles in an image
+  std::int64_t line_tiles_;
+  std::int64_t strip_lines_;   // lines transformed together
+  std::int64_t strip_panels_;  // their panels of tiles
+  std::int64_t panels_;        // of weights
+  std::int64_t task_panels_;   // of weights, in a task
+  std::int64_t task_columns_;  // panels of tiles in a task
+};
+
+/// Tile: 2, 4 or 6.
+template <int Tile>
+class Conv2dWinograd : public Conv2dWinogradBase {
+ public:
+  Conv2dWinograd(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                 const Conv2dFusion& fusion = {})
+      : Conv2dWinogradBase(Tile, routines, geometry, fusion) {}
+
+  /// Whether it can, and is worth it: enough channels and tiles.
+  [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+
+  /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.
+  static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
+    Conv2dWinogradBase::error_scale(Tile, g, inputs, scale);
+  }
+};
+
+}  // namespace slide::ops

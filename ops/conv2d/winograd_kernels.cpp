@@ -1,0 +1,270 @@
+// The transforms of Winograd convolutions, lanes = adjacent tiles of a line. Input: the vertical transform
+// runs along whole image rows, where neighbouring tiles share their columns; its rows are split into the
+// phases of the columns (column m·t + p of tile t becomes phase p, lane t), and from those the horizontal
+// transform takes its vectors. Output: both transforms in registers, and the columns' vectors are zipped into
+// rows.
+//
+// With points 0, ±p_1 .. ±p_N, ∞ the rows of Bᵀ are products of the factors L_k = x² - p_k² and x² ± p_k·x:
+// an even and an odd half, each from nested L_k, shared by a pair. All coefficients are p and p², so a term
+// meets N roundings at most. Of Aᵀ, a pair's sum gives the even rows, its difference the odd ones.
+
+#include <utility>
+
+#include "ops/conv2d/winograd_routines.h"
+#include "ops/simd/simd.h"
+
+namespace slide::ops::SLIDE_ISA {
+namespace {
+
+using simd::Float;
+constexpr std::int64_t kWidth = simd::kWidth;
+
+/// high - square·low: the factor x² - p² at x^i, where low and high are the coefficients of x^i and x^(i+2).
+SLIDE_INLINE Float factor(Float square, Float low, Float high) { return simd::fma(-square, low, high); }
+
+/// x²·Q and x·Q for the pairs' Q, the product of the other pairs' factors; and the product of all factors
+/// over the inputs base, base + 2, ... . d is every second input: Q is taken of d[first ..].
+template <int N>
+SLIDE_INLINE Float all_factors(const Float* square, const Float* d) {
+  if constexpr (N == 1) {
+    return factor(square[0], d[0], d[1]);
+  } else {
+    return factor(square[N - 1], all_factors<N - 1>(square, d), all_factors<N - 1>(square, d + 1));
+  }
+}
+
+/// Product of all factors but k, for k < N, of d[0 .. N-1].
+template <int N>
+SLIDE_INLINE void other_factors(const Float* square, const Float* d, Float* q) {
+  if constexpr (N == 1) {
+    q[0] = d[0];
+  } else if constexpr (N == 2) {
+    q[0] = factor(square[1], d[0], d[1]);
+    q[1] = factor(square[0], d[0], d[1]);
+  } else {
+    const Float low = factor(square[1], d[0], d[1]);
+    const Float high = factor(square[1], d[1], d[2]);
+    q[0] = factor(square[2], low, high);
+    q[2] = factor(square[0], low, high);
+    q[1] = factor(square[2], factor(square[0], d[0], d[1]), factor(square[0], d[1], d[2]));
+  }
+}
+
+/// Bᵀ d in place.
+template <int M>
+SLIDE_INLINE void transform_input(const Float* square, const Float* point, Float* d) {
+  constexpr int N = M / 2;
+  Float even[N + 1], odd[N + 1];
+  for (int i = 0; i <= N; ++i) {
+    even[i] = d[2 * i];
+    odd[i] = d[2 * i + 1];
+  }
+  Float e[N], o[N];
+  other_factors<N>(square, even + 1, e);
+  other_factors<N>(square, odd, o);
+  d[0] = all_factors<N>(square, even);
+  d[M + 1] = all_factors<N>(square, odd);
+  for (int k = 0; k < N; ++k) {
+    d[2 * k + 1] = simd::fma(point[k], o[k], e[k]);
+    d[2 * k + 2] = simd::fma(-point[k], o[k], e[k]);
+  }
+}
+
+/// Aᵀ m: M results in the first places of m.
+template <int M>
+SLIDE_INLINE void transform_output(const WinogradPoints& points, Float* m) {
+  constexpr int N = M / 2;
+  Float sum[N], difference[N], y[M];
+  for (int k = 0; k < N; ++k) {
+    sum[k] = m[2 * k + 1] + m[2 * k + 2];
+    difference[k] = m[2 * k + 1] - m[2 * k + 2];
+  }
+  y[0] = m[0];
+  for (int k = 0; k < N; ++k) y[0] = y[0] + sum[k];
+  for (int i = 1; i < M; ++i) {
+    const Float* part = i % 2 == 0 ? sum : difference;
+    const Float first = simd::broadcast(points.power[0][i]);
+    y[i] = i == M - 1 ? simd::fma(first, part[0], m[M + 1]) : first * part[0];
+    for (int k = 1; k < N; ++k) y[i] = simd::fma(simd::broadcast(points.power[k][i]), part[k], y[i]);
+  }
+  for (int i = 0; i < M; ++i) m[i] = y[i];
+}
+
+template <int... I>
+SLIDE_INLINE Float even_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
+  return {__builtin_shufflevector(a.v, b.v, (2 * I)...)};
+}
+template <int... I>
+SLIDE_INLINE Float odd_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
+  return {__builtin_shufflevector(a.v, b.v, (2 * I + 1)...)};
+}
+/// a0 b0 a1 b1 ... from lane `First` on.
+template <int First, int... I>
+SLIDE_INLINE Float zip_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
+  return {__builtin_shufflevector(a.v, b.v, (First + I / 2 + I % 2 * simd::kWidth)...)};
+}
+using Lanes = std::make_integer_sequence<int, simd::kWidth>;
+SLIDE_INLINE Float even(Float a, Float b) { return even_lanes(a, b, Lanes()); }
+SLIDE_INLINE Float odd(Float a, Float b) { return odd_lanes(a, b, Lanes()); }
+SLIDE_INLINE Float zip_low(Float a, Float b) { return zip_lanes<0>(a, b, Lanes()); }
+SLIDE_INLINE Float zip_high(Float a, Float b) { return zip_lanes<simd::kWidth / 2>(a, b, Lanes()); }
+
+/// Phase p of the columns, for tiles 0 <= t < count: phases[p][t] = row[M·t + p].
+template <int M>
+SLIDE_INLINE void split_columns(const float* row, std::int64_t count, float* phases, std::int64_t size) {
+  if constexpr (M == 6) {
+    for (std::int64_t t = 0; t < count; ++t)
+      for (int p = 0; p < M; ++p) phases[p * size + t] = row[M * t + p];
+  } else {
+    for (std::int64_t t = 0; t < count; t += kWidth, row += M * kWidth, phases += kWidth) {
+      Float v[M];
+      for (int i = 0; i < M; ++i) v[i] = simd::load(row + i * kWidth);
+      for (int i = 0; i < M; i += 2) {
+        const Float e = even(v[i], v[i + 1]);
+        v[i + 1] = odd(v[i], v[i + 1]);
+        v[i] = e;
+      }
+      if constexpr (M == 2) {
+        simd::store(phases, v[0]);
+        simd::store(phases + size, v[1]);
+      } else {
+        simd::store(phases, even(v[0], v[2]));
+        simd::store(phases + size, even(v[1], v[3]));
+        simd::store(phases + 2 * size, odd(v[0], v[2]));
+        simd::store(phases + 3 * size, odd(v[1], v[3]));
+      }
+    }
+  }
+}
+
+/// The same for groups of `dilation` adjacent columns, one for each of as many tiles.
+template <int M>
+void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, float* phases,
+                  std::int64_t size) {
+  constexpr int kStep = 4;  // what is copied beyond a group, the next one overwrites
+  for (std::int64_t group = 0; group < groups; ++group)
+    for (int p = 0; p < M; ++p, row += dilation)
+      for (std::int64_t j = 0; j < dilation; j += kStep)
+        __builtin_memcpy(phases + p * size + group * dilation + j, row + j, kStep * sizeof(float));
+}
+
+/// The vertical transform of a line.
+template <int M>
+SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in) {
+  for (std::int64_t j = 0; j < in.count; j += kWidth) {
+    const bool whole = j + kWidth <= in.count;
+    const auto rest = static_cast<std::size_t>(in.count - j);
+    Float d[M + 2];
+    for (int u = 0; u < M + 2; ++u)
+      d[u] = whole ? simd::load(in.rows[u] + j) : simd::load_partial(in.rows[u] + j, rest);
+    if (in.relu)
+      for (Float& value : d) value = simd::max(simd::zero(), value);
+    transform_input<M>(square, point, d);
+    float* to = in.buffer + in.left + j;
+    for (int u = 0; u < M + 2; ++u) {
+      if (whole)
+        simd::store(to + u * in.row_size, d[u]);
+      else
+        simd::store_partial(to + u * in.row_size, d[u], rest);
+    }
+  }
+}
+
+/// The horizontal transform of one transformed row, from its phases to the panels.
+template <int M>
+SLIDE_INLINE void transform_phases(const Float* square, const Float* point, const WinogradInput& in,
+                                   float* v) {
+  std::int64_t column = in.first % in.columns;
+  float* panel = v + in.first / in.columns * in.panel_stride;
+  for (std::int64_t t = 0; t < in.tiles;) {
+    const std::int64_t end = in.tiles - t < in.columns - column ? in.tiles : t + in.columns - column;
+    for (; t < end; t += kWidth, column += kWidth) {
+      Float d[M + 2];
+      for (int p = 0; p < M; ++p) d[p] = simd::load(in.phases + p * in.phase_size + t);
+      for (int p = 0; p < 2; ++p) d[M + p] = simd::load(in.phases + p * in.phase_size + in.dilation + t);
+      transform_input<M>(square, point, d);
+      const std::int64_t room = in.columns - column;
+      for (int f = 0; f < M + 2; ++f) {
+        float* to = panel + f * in.frequency_stride + column;
+        if (room >= kWidth)
+          simd::store(to, d[f]);
+        else
+          simd::store_partial(to, d[f], static_cast<std::size_t>(room));
+      }
+    }
+    t = end;
+    column = 0;
+    panel += in.panel_stride;
+  }
+}
+
+template <int M>
+void input(const WinogradPoints& points, const WinogradInput& in) {
+  Float square[M / 2], point[M / 2];
+  for (int k = 0; k < M / 2; ++k) {
+    square[k] = simd::broadcast(points.square[k]);
+    point[k] = simd::broadcast(points.power[k][1]);
+  }
+  transform_rows<M>(square, point, in);
+  const std::int64_t groups = (in.tiles + in.dilation - 1) / in.dilation + 1;
+  for (int u = 0; u < M + 2; ++u) {
+    const float* row = in.buffer + u * in.row_size;
+    if (in.dilation == 1)
+      split_columns<M>(row, groups, in.phases, in.phase_size);
+    else
+      split_groups<M>(row, in.dilation, groups, in.phases, in.phase_size);
+    transform_phases<M>(square, point, in, in.v + u * (M + 2) * in.frequency_stride);
+  }
+}
+
+/// A row of tiles as adjacent columns.
+template <int M>
+SLIDE_INLINE void store_columns(const Float* y, float* to) {
+  if constexpr (M == 2) {
+    simd::store(to, zip_low(y[0], y[1]));
+    simd::store(to + kWidth, zip_high(y[0], y[1]));
+  } else if constexpr (M == 4) {
+    const Float a = zip_low(y[0], y[2]), b = zip_low(y[1], y[3]);
+    const Float c = zip_high(y[0], y[2]), d = zip_high(y[1], y[3]);
+    simd::store(to, zip_low(a, b));
+    simd::store(to + kWidth, zip_high(a, b));
+    simd::store(to + 2 * kWidth, zip_low(c, d));
+    simd::store(to + 3 * kWidth, zip_high(c, d));
+  } else {
+    float lanes[M][kWidth];
+    for (int j = 0; j < M; ++j) simd::store(lanes[j], y[j]);
+    for (int t = 0; t < simd::kWidth; ++t)
+      for (int j = 0; j < M; ++j) to[M * t + j] = lanes[j][t];
+  }
+}
+
+template <int M>
+void output(const WinogradPoints& points, const WinogradOutput& run) {
+  const Float bias = simd::broadcast(run.bias);
+  for (std::int64_t t = 0; t < run.tiles; t += kWidth) {
+    Float rows[M][M + 2];
+    for (int f = 0; f < M + 2; ++f) {
+      Float m[M + 2];
+      for (int u = 0; u < M + 2; ++u) m[u] = simd::load(run.m + (u * (M + 2) + f) * run.frequency_stride + t);
+      transform_output<M>(points, m);
+      for (int i = 0; i < M; ++i) rows[i][f] = m[i];
+    }
+    for (int i = 0; i < M; ++i) {
+      transform_output<M>(points, rows[i]);
+      for (int j = 0; j < M; ++j) rows[i][j] = rows[i][j] + bias;
+      float* to = run.sums + i * run.row_size;
+      if (run.interleave)
+        store_columns<M>(rows[i], to + M * t);
+      else
+        for (int j = 0; j < M; ++j) simd::store(to + j * (run.row_size / M) + t, rows[i][j]);
+    }
+  }
+}
+
+}  // namespace
+
+extern const WinogradRoutines winograd_routines;
+const WinogradRoutines winograd_routines{
+    Isa::SLIDE_ISA_ENUM, {input<2>, output<2>}, {input<4>, output<4>}, {input<6>, output<6>}};
+
+}  // namespace slide::ops::SLIDE_ISA

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstdint>
+
+#include "runtime/cpu.h"
+
+namespace slide::ops {
+
+/// The pairs of points ±p of a tile of m = 2·pairs, as the transforms use them.
+struct WinogradPoints {
+  float square[3];    ///< p²
+  float power[3][6];  ///< p^i
+};
+
+/// One line of tiles of one input channel, see Conv2dWinograd. Buffer column b is input column b - left.
+struct WinogradInput {
+  const float* const* rows;  ///< m + 2 rows of the input, zeros where outside
+  std::int64_t left;
+  std::int64_t count;     ///< input columns to read
+  bool relu;              ///< x is max(x, 0)
+  std::int64_t dilation;  ///< horizontal
+  std::int64_t tiles;     ///< of the line
+  float* buffer;          ///< m + 2 rows of row_size; outside of [left, left + count) they are zero
+  std::int64_t row_size;
+  float* phases;  ///< m rows of phase_size
+  std::int64_t phase_size;
+  float* v;                   ///< this channel's row of the first panel and frequency
+  std::int64_t first;         ///< the line's first tile is column first % columns of panel first / columns
+  std::int64_t columns;       ///< of a panel
+  std::int64_t panel_stride;  ///< from panel to panel
+  std::int64_t frequency_stride;  ///< from frequency to frequency
+};
+
+/// Adjacent tiles of one output channel.
+struct WinogradOutput {
+  const float* m;  ///< the first tile's product; read up to a multiple of the vector width
+  std::int64_t frequency_stride;
+  std::int64_t tiles;
+  float bias;
+  bool interleave;  ///< rows of adjacent columns; else a row's m columns one after the other
+  float* sums;      ///< row i of the tiles starts at i·row_size
+  std::int64_t row_size;
+};
+
+/// The transforms of one tile size.
+struct WinogradTransforms {
+  /// V = Bᵀ d B of a line's tiles. Up to a vector of the panels' columns after the line's last tile is
+  /// overwritten, within the panel.
+  void (*input)(const WinogradPoints& points, const WinogradInput& line);
+  /// Aᵀ M A + bias. Interleaved, sums[i][m·t + j] is row i and column j of tile t, else sums[i][j][t] with
+  /// rows j of row_size / m; sums is written up to a multiple of the vector width of tiles.
+  void (*output)(const WinogradPoints& points, const WinogradOutput& run);
+};
+
+/// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
+struct WinogradRoutines {
+  Isa isa;
+  WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
+};
+
+/// Those of a level of this build.
+[[nodiscard]] const WinogradRoutines& winograd_routines(Isa isa);
+
+}  // namespace slide::ops
