@@ -7,7 +7,6 @@
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fill/fill_op.h"
-#include "ops/gated_conv/gated_conv2d_op.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering_ops.h"
 #include "ops/normalise/normalise_ops.h"
@@ -93,7 +92,6 @@ const T* as(const Op& op) {
 
 Json attributes_of(const Op& op, const Shape& output) {
   if (const auto* o = as<Conv2dOp>(op)) return attributes_of(o->params());
-  if (const auto* o = as<GatedConv2dOp>(op)) return attributes_of(o->params());
   if (const auto* o = as<UnaryOp>(op)) return attributes_of(*o);
   if (const auto* o = as<PoolOp>(op)) return attributes_of(*o);
   if (const auto* o = as<ResizeOp>(op)) return attributes_of(*o);
@@ -126,7 +124,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) names.push_back("x" + std::to_string(i));
     return names;
   }
-  if (as<Conv2dOp>(op) != nullptr || as<GatedConv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr)
+  if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr)
     return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
   if (as<PushPullFillOp>(op) != nullptr) return {"x", "weight"};

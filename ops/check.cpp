@@ -80,10 +80,19 @@ double in_float_range(double y) {
   return std::isinf(f) ? static_cast<double>(f) : y;
 }
 
+/// What the kernel measures its errors against, if that is not the operator's scale; else empty.
+Tensor own_scale(const Kernel& kernel, const KernelTask& task) {
+  std::vector<Tensor> wide;
+  for (const Tensor& t : task.inputs) wide.push_back(t.to(DType::kF64));
+  Tensor scale(DType::kF64, task.scale.shape());
+  return kernel.error_scale(*task.op, wide, task.reference, scale) ? scale : Tensor();
+}
+
 void measure(const Kernel& kernel, const KernelTask& task, KernelCheck& check) {
   const std::span<const float> y = std::as_const(check.output).data<float>();
   const std::span<const double> y64 = task.reference.data<double>();
-  const std::span<const double> scale = task.scale.data<double>();
+  const Tensor own = own_scale(kernel, task);
+  const std::span<const double> scale = (own.empty() ? task.scale : own).data<double>();
   const double u = kernel.unit_roundoff();
   const double flushed = std::max(check.factor, 1.0) * kSmallestNormal;
   double worst = 0;
@@ -102,13 +111,15 @@ Tensor run_guarded(const Kernel& kernel, const KernelTask& task, KernelCheck& ch
   const std::vector<Shape> shapes = shapes_of(task.inputs);
   const Shape& shape = task.reference.shape();
   GuardedMemory memory(static_cast<std::size_t>(shape.count()) * sizeof(float));
+  GuardedMemory packed(kernel.packed_bytes(*task.op, shapes, shape));
   GuardedMemory scratch(kernel.scratch_bytes(*task.op, shapes, shape));
   Tensor output = Tensor::view(DType::kF32, shape, memory.span().data());
   {
     const FlushDenormals flush;
-    kernel.run(*task.op, task.inputs, output, scratch.span());
+    kernel.pack(*task.op, task.inputs, shapes, packed.span());
+    kernel.run(*task.op, task.inputs, output, {packed.span(), scratch.span(), std::nullopt});
   }
-  check.guards_intact = check.guards_intact && memory.intact() && scratch.intact();
+  check.guards_intact = check.guards_intact && memory.intact() && packed.intact() && scratch.intact();
   return output.clone();
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <map>
 
 #include "runtime/error.h"
 #include "runtime/lifetime.h"
@@ -12,19 +13,58 @@ namespace {
 
 std::string mebibytes(std::size_t bytes) { return std::to_string((bytes + (1U << 20) - 1) >> 20) + " MiB"; }
 
-/// Nodes whose value is only needed to fold others are dropped as soon as the last of those is done.
-std::vector<int> last_fold_uses(const Graph& graph, const Plan& plan) {
+/// By node the last node that folds or packs it, -1 for none.
+std::vector<int> last_constant_uses(const Graph& graph, const Plan& plan) {
   std::vector<int> last(graph.nodes().size(), -1);
   for (std::size_t i = 0; i < graph.nodes().size(); ++i)
     if (plan.constant[i])
       for (const int j : graph.nodes()[i].inputs) last[static_cast<std::size_t>(j)] = static_cast<int>(i);
+  for (const PlanStep& step : plan.steps) {
+    if (!step.packed_once) continue;
+    const Node& node = graph.node(step.node);
+    for (std::size_t k = 0; k < node.inputs.size(); ++k)
+      if (int& use = last[static_cast<std::size_t>(node.inputs[k])]; step.kernel->packs(k))
+        use = std::max(use, step.node);
+  }
   return last;
+}
+
+std::optional<Range> range_of(const Node& node, const std::map<std::string, Range>& ranges) {
+  const auto it = ranges.find(node.name);
+  return it != ranges.end() ? std::optional(it->second) : std::nullopt;
+}
+
+/// The value of a constant node: a weight as stored, else F64.
+Tensor constant_value(const Node& node, int index, const std::map<int, Tensor>& parameters,
+                      const std::map<int, Tensor>& folded) {
+  if (node.kind == NodeKind::kParameter) return parameters.at(index);
+  if (node.kind == NodeKind::kConstant) return node.constant;
+  std::vector<Tensor> arguments;
+  for (const int j : node.inputs) arguments.push_back(folded.at(j).to(DType::kF64));
+  Tensor result(DType::kF64, node.shape);
+  node.op->reference(arguments, result);
+  return result;
+}
+
+Tensor packed_inputs(const Graph& graph, const PlanStep& step, const std::map<int, Tensor>& constants) {
+  if (step.packed_bytes == 0) return {};
+  const Node& node = graph.node(step.node);
+  std::vector<Shape> shapes;
+  for (const int j : node.inputs) shapes.push_back(graph.node(j).shape);
+  Tensor packed(DType::kU8, {static_cast<std::int64_t>(step.packed_bytes)});
+  std::vector<Tensor> inputs(node.inputs.size());
+  for (std::size_t k = 0; k < inputs.size(); ++k)
+    if (step.kernel->packs(k)) inputs[k] = constants.at(node.inputs[k]).to(DType::kF32);
+  step.kernel->pack(*node.op, inputs, shapes, packed.mutable_raw());
+  return packed;
 }
 
 }  // namespace
 
 FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, const FastOptions& options)
-    : graph_(graph), plan_(make_plan(graph, options.isa, options.keep_all)), keep_all_(options.keep_all) {
+    : graph_(graph),
+      plan_(make_plan(graph, options.isa, options.keep_all, options.precision)),
+      keep_all_(options.keep_all) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)
     throw Error(ErrorKind::kOutOfMemory,
                 "the plan needs " + mebibytes(plan_.memory_bytes()) + " (" + mebibytes(plan_.arena_bytes) +
@@ -32,6 +72,11 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                     " of weights), more than the limit of " + mebibytes(options.memory_limit),
                 "allow more memory or use a smaller size");
   fold_constants(weights);
+  ranges_.resize(plan_.steps.size());
+  if (options.ranges != nullptr)
+    for (std::size_t s = 0; s < plan_.steps.size(); ++s)
+      if (const Node& node = graph.node(plan_.steps[s].node); !node.inputs.empty())
+        ranges_[s] = range_of(graph.node(node.inputs[0]), *options.ranges);
   arena_ = Tensor(DType::kU8, {static_cast<std::int64_t>(plan_.arena_bytes)});
   for (const PlanStep& step : plan_.steps)
     values_[static_cast<std::size_t>(step.node)] =
@@ -40,30 +85,22 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
 
 void FastExecutor::fold_constants(const WeightSource& weights) {
   const std::map<int, Tensor> parameters = bind(graph_, weights);
-  const std::vector<int> last = last_fold_uses(graph_, plan_);
+  const std::vector<int> last = last_constant_uses(graph_, plan_);
   values_.assign(graph_.nodes().size(), {});
-  std::map<int, Tensor> folded;  // F64 results that later folds read
-  const auto in_double = [&](int j) {
-    if (const auto it = parameters.find(j); it != parameters.end()) return it->second.to(DType::kF64);
-    return folded.at(j);
-  };
+  packed_.assign(plan_.steps.size(), {});
+  std::map<int, Tensor> folded;  // results that later folds or packing read, F64; parameters are as stored
+  std::size_t step = 0;
   for (int i = 0; i < static_cast<int>(graph_.nodes().size()); ++i) {
     const std::size_t index = static_cast<std::size_t>(i);
-    if (!plan_.constant[index]) continue;
     const Node& node = graph_.nodes()[index];
-    if (node.kind == NodeKind::kParameter) {
-      if (plan_.needed[index]) values_[index] = parameters.at(i).to(DType::kF32);
-      continue;
+    if (plan_.constant[index]) {
+      Tensor result = constant_value(node, i, parameters, folded);
+      if (plan_.needed[index]) values_[index] = result.to(DType::kF32);
+      if (last[index] > i) folded.emplace(i, std::move(result));
+    } else if (step < plan_.steps.size() && plan_.steps[step].node == i) {
+      if (plan_.steps[step].packed_once) packed_[step] = packed_inputs(graph_, plan_.steps[step], folded);
+      ++step;
     }
-    Tensor result = node.constant;
-    if (node.kind == NodeKind::kOp) {
-      std::vector<Tensor> arguments;
-      for (const int j : node.inputs) arguments.push_back(in_double(j));
-      result = Tensor(DType::kF64, node.shape);
-      node.op->reference(arguments, result);
-    }
-    if (plan_.needed[index]) values_[index] = result.to(DType::kF32);
-    if (last[index] > i) folded.emplace(i, std::move(result));
     for (const int j : node.inputs)
       if (last[static_cast<std::size_t>(j)] == i) folded.erase(j);
   }
@@ -90,14 +127,27 @@ void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
       bytes += static_cast<double>(arguments.back().bytes());
     }
     const auto start = std::chrono::steady_clock::now();
-    step.kernel->run(*node.op, arguments, result,
-                     arena_.mutable_raw().subspan(step.scratch_offset, step.scratch_bytes));
+    run_step(static_cast<std::size_t>(s), arguments, result);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     if (options.profile != nullptr)
       options.profile->push_back(
           {node.name, std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa())),
            took.count(), node.op->macs(shapes, node.shape), bytes});
   }
+}
+
+void FastExecutor::run_step(std::size_t s, std::span<const Tensor> inputs, Tensor& result) {
+  const PlanStep& step = plan_.steps[s];
+  const Op& op = *graph_.node(step.node).op;
+  const std::span<std::byte> scratch = arena_.mutable_raw().subspan(step.scratch_offset, step.scratch_bytes);
+  if (step.packed_once) return step.kernel->run(op, inputs, result, {packed_[s].raw(), scratch, ranges_[s]});
+  const std::span<std::byte> packed = scratch.first(step.packed_bytes);
+  if (!packed.empty()) {
+    std::vector<Shape> shapes;
+    for (const Tensor& t : inputs) shapes.push_back(t.shape());
+    step.kernel->pack(op, inputs, shapes, packed);
+  }
+  step.kernel->run(op, inputs, result, {packed, scratch.subspan(step.packed_bytes), ranges_[s]});
 }
 
 Tensor FastExecutor::tensor(int node) const {

@@ -1,7 +1,12 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
 #include <string_view>
+#include <vector>
 
 #include "runtime/graph.h"
 #include "runtime/plan.h"
@@ -13,12 +18,14 @@ namespace slide {
 /// What a FastExecutor may be told.
 struct FastOptions {
   Isa isa = active_isa();
-  bool keep_all = false;         ///< every node's tensor can be looked at after a run
-  std::size_t memory_limit = 0;  ///< bytes for arena and weights; 0 = no limit
+  bool keep_all = false;                                 ///< every node's tensor can be looked at after a run
+  std::size_t memory_limit = 0;                          ///< bytes for arena and weights; 0 = no limit
+  Precision precision = Precision::kFp32;                ///< of convolutions, where there is a kernel for it
+  const std::map<std::string, Range>* ranges = nullptr;  ///< by node: what calibration saw; may be null
 };
 
-/// Runs a graph's plan in float32: constants folded once in float64, one kernel a node, all results in one
-/// arena.
+/// Runs a graph's plan: constants folded once in float64 and packed once, one kernel a node, all results in
+/// one arena.
 class FastExecutor {
  public:
   /// Plans, checks the memory limit, binds and folds the weights. Throws Error(kOutOfMemory) naming what is
@@ -41,12 +48,15 @@ class FastExecutor {
 
  private:
   void fold_constants(const WeightSource& weights);
+  void run_step(std::size_t step, std::span<const Tensor> inputs, Tensor& result);
 
   const Graph& graph_;
   Plan plan_;
   bool keep_all_;
   Tensor arena_;
-  std::vector<Tensor> values_;  // by node: constants, inputs, results as views of the arena
+  std::vector<Tensor> values_;                // by node: constants, inputs, results as views of the arena
+  std::vector<Tensor> packed_;                // by step: what its kernel packed before the first run
+  std::vector<std::optional<Range>> ranges_;  // by step: of its first input
 };
 
 }  // namespace slide

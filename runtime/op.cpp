@@ -10,4 +10,8 @@ void Op::error_scale(std::span<const Tensor> /*inputs*/, const Tensor& output, T
   for (std::size_t i = 0; i < y.size(); ++i) s[i] = std::fabs(y[i]);
 }
 
+double Kernel::macs(const Op& op, std::span<const Shape> inputs, const Shape& output) const {
+  return op.macs(inputs, output);
+}
+
 }  // namespace slide

@@ -2,17 +2,31 @@
 
 #include <cstddef>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
 
 #include "runtime/cpu.h"
+#include "runtime/precision.h"
 #include "runtime/shape.h"
 #include "runtime/tensor.h"
 
 namespace slide {
 
 class Op;
+
+/// The least and the largest value that a tensor is expected to hold.
+struct Range {
+  float low, high;
+};
+
+/// What a kernel is given beside the tensors of a call.
+struct KernelCall {
+  std::span<const std::byte> packed;  ///< packed_bytes(), filled by pack()
+  std::span<std::byte> scratch;       ///< scratch_bytes(), 64-byte aligned, uninitialised
+  std::optional<Range> range;  ///< of the first input, from calibration; kernels without one measure it
+};
 
 /// One fast implementation of an operator. Tensors are float32, row-major, and never alias.
 class Kernel {
@@ -23,22 +37,44 @@ class Kernel {
   [[nodiscard]] virtual std::string_view name() const = 0;
   /// The level it was compiled for.
   [[nodiscard]] virtual Isa isa() const = 0;
-  /// Whether it can do this call. `op` is always an operator that lists this kernel.
+  /// What it multiplies with.
+  [[nodiscard]] virtual Precision precision() const { return Precision::kFp32; }
+  /// Whether it can do this call, and is worth it. `op` is always an operator that lists this kernel.
   [[nodiscard]] virtual bool supports(const Op& op, std::span<const Shape> inputs,
                                       const Shape& output) const = 0;
-  /// Bytes of scratch memory run() needs for this call (64-byte aligned, uninitialised).
+  /// Whether run() reads input `index` only in the form that pack() gave it.
+  [[nodiscard]] virtual bool packs(std::size_t /*index*/) const { return false; }
+  /// Bytes of that form.
+  [[nodiscard]] virtual std::size_t packed_bytes(const Op& /*op*/, std::span<const Shape> /*inputs*/,
+                                                 const Shape& /*output*/) const {
+    return 0;
+  }
+  /// Brings the inputs that packs() names into the order in which run() reads them; the others are not looked
+  /// at and may be empty; `shapes` are those of all. A plan does it once where the packed inputs are
+  /// constant, else before each run.
+  virtual void pack(const Op& /*op*/, std::span<const Tensor> /*inputs*/, std::span<const Shape> /*shapes*/,
+                    std::span<std::byte> /*packed*/) const {}
+  /// Bytes of scratch memory run() needs for this call.
   [[nodiscard]] virtual std::size_t scratch_bytes(const Op& /*op*/, std::span<const Shape> /*inputs*/,
                                                   const Shape& /*output*/) const {
     return 0;
   }
   /// The stated error: component by component |y - y64| <= factor · unit_roundoff() · scale, where scale
-  /// comes from Op::error_scale(). This is `factor` for a call of these shapes.
+  /// comes from error_scale(). This is `factor` for a call of these shapes.
   [[nodiscard]] virtual double error_factor(const Op& op, std::span<const Shape> inputs) const = 0;
   /// u: 2^-24 for float32 arithmetic.
   [[nodiscard]] virtual double unit_roundoff() const { return 0x1p-24; }
+  /// A method whose errors have another shape than Op::error_scale() writes its own scale (all F64) and
+  /// returns true; else the operator's holds.
+  virtual bool error_scale(const Op& /*op*/, std::span<const Tensor> /*inputs*/, const Tensor& /*output*/,
+                           Tensor& /*scale*/) const {
+    return false;
+  }
+  /// Multiply-accumulates that it really does; Op::macs() unless the method saves some.
+  [[nodiscard]] virtual double macs(const Op& op, std::span<const Shape> inputs, const Shape& output) const;
   /// Computes `output`, every element of it. Parallel inside through parallel_for.
   virtual void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
-                   std::span<std::byte> scratch) const = 0;
+                   const KernelCall& call) const = 0;
 };
 
 /// One operator with its attributes: what it computes, as plainly as it can be written, and its fast kernels.

@@ -47,6 +47,14 @@ std::int64_t aligned(std::int64_t count) {
   return (count + kRowAlignment - 1) / kRowAlignment * kRowAlignment;
 }
 
+/// Of a convolution whose weights are new at each call.
+std::size_t packed_bytes(const Conv2dGemm& method) {
+  return (method.packed_bytes() + Tensor::kAlignment - 1) / Tensor::kAlignment * Tensor::kAlignment;
+}
+std::size_t convolution_bytes(const Conv2dGemm& method) {
+  return packed_bytes(method) + method.scratch_bytes();
+}
+
 /// A step along column-major order: position (row, column) moved by `step` is (row, column + columns_moved).
 struct ColumnStep {
   std::int64_t row;
@@ -127,7 +135,7 @@ std::size_t AttentionStrips::scratch_bytes() const noexcept {
   std::int64_t count = 0;
   for (const std::int64_t size : sizes()) count += size;
   return static_cast<std::size_t>(count) * sizeof(float) +
-         std::max(scores_.scratch_bytes(), mixture_.scratch_bytes());
+         std::max(convolution_bytes(scores_), convolution_bytes(mixture_));
 }
 
 double AttentionStrips::error_factor() const noexcept {
@@ -139,6 +147,12 @@ double AttentionStrips::error_factor() const noexcept {
                      std::ceil(n / width / static_cast<double>(kSumBlock)) + 1;
   const double weight = 2 * std::log(n) + 4 + sum + 3;
   return 1.1 * std::max(score + 3, weight + mixture_.error_factor() + 3);
+}
+
+void AttentionStrips::convolve(const Conv2dGemm& method, const float* x, const float* weight, float* y,
+                               std::span<std::byte> memory) {
+  method.pack(weight, memory.data());
+  method.run({x, memory.data(), nullptr, nullptr, y}, memory.subspan(packed_bytes(method)));
 }
 
 void AttentionStrips::prepare(const float* foreground, const float* background, const float* mask,
@@ -189,7 +203,7 @@ void AttentionStrips::score_strip(std::int64_t row, float* fused, const Memory& 
         patch[k] = m.foreground[k / (g_.patch * g_.patch) * n_ + u * g_.columns + v];
     }
   });
-  scores_.run(m.background, m.patches, nullptr, m.scores, m.rest);
+  convolve(scores_, m.background, m.patches, m.scores, m.rest);
   parallel_for(extended_,
                [&](std::int64_t q) { routines_.multiply(1.0F, m.inverse_norm, m.scores + q * n_, n_); });
   parallel_for(g_.columns, [&](std::int64_t x) {
@@ -244,7 +258,7 @@ void AttentionStrips::softmax(const Memory& m) const {
 }
 
 void AttentionStrips::paste(std::int64_t row, const float* background, float* y, const Memory& m) const {
-  mixture_.run(background, m.weights, nullptr, m.mixture, m.rest);
+  convolve(mixture_, background, m.weights, m.mixture, m.rest);
   const std::int64_t side = 2 * g_.rate;
   parallel_for(g_.channels, [&](std::int64_t c) {
     for (std::int64_t k = 0; k < g_.columns * side * side; ++k) {

@@ -43,6 +43,8 @@ class AttentionStrips {
   /// The floats of each array of Memory, in their order.
   [[nodiscard]] std::array<std::int64_t, 10> sizes() const noexcept;
   [[nodiscard]] Memory memory(std::span<std::byte> scratch) const noexcept;
+  static void convolve(const Conv2dGemm& method, const float* x, const float* weight, float* y,
+                       std::span<std::byte> memory);
   void prepare(const float* foreground, const float* background, const float* mask, const float* fuse_weight,
                const Memory& m) const;
   void score_strip(std::int64_t row, float* fused, const Memory& m) const;

@@ -27,8 +27,8 @@ class LevelKernel : public Kernel {
     return factor(static_cast<const O&>(op), inputs);
   }
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte> scratch) const override {
-    compute(static_cast<const O&>(op), inputs, output, scratch);
+           const KernelCall& call) const override {
+    compute(static_cast<const O&>(op), inputs, output, call.scratch);
   }
 
  protected:

@@ -35,24 +35,6 @@ std::string text_of(const Conv2dParams& params) {
   return text;
 }
 
-std::vector<Shape> shapes_of(std::span<const Tensor> tensors) {
-  std::vector<Shape> shapes;
-  shapes.reserve(tensors.size());
-  for (const Tensor& t : tensors) shapes.push_back(t.shape());
-  return shapes;
-}
-
-std::string Conv2dOp::attributes() const { return text_of(params_); }
-
-Shape Conv2dOp::infer(std::span<const Shape> inputs) const {
-  return conv2d_geometry(type(), inputs, params_).output();
-}
-
-double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const {
-  return static_cast<double>(output.count()) *
-         static_cast<double>(conv2d_geometry(type(), inputs, params_).depth());
-}
-
 Value conv2d(Value x, Value weight, std::optional<Value> bias, const Conv2dParams& params) {
   std::vector<Value> inputs{x, weight};
   if (bias) inputs.push_back(*bias);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstring>
 
 #include "runtime/tensor.h"
 #include "runtime/threads.h"
@@ -13,8 +14,13 @@ std::int64_t round_up(std::int64_t value, std::int64_t unit) { return (value + u
 
 }  // namespace
 
-Conv2dDepthwise::Conv2dDepthwise(const Conv2dRoutines& routines, const Conv2dGeometry& geometry)
-    : routines_(routines), g_(geometry) {
+Conv2dDepthwise::Conv2dDepthwise(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                                 const Conv2dFusion& fusion)
+    : routines_(routines),
+      g_(geometry),
+      relu_input_(fusion.relu_input),
+      relu_(unary_row(UnaryOp(UnaryKind::kRelu), pointwise_routines_of(routines.isa))),
+      epilogue_(fusion, routines.isa) {
   rows_ = (g_.oheight - 1) * g_.stride_y + (g_.kheight - 1) * g_.dilation_y + 1;
   // The last tap starts at (kw - 1)·dilation / stride; from there whole vectors up to the last column are
   // read.
@@ -56,8 +62,24 @@ void Conv2dDepthwise::pad_plane(const float* x, float* padded) const {
   }
 }
 
-void Conv2dDepthwise::run_filter(const float* padded, const float* weight, float bias, const float** taps,
-                                 float* y) const {
+std::size_t Conv2dDepthwise::packed_bytes() const noexcept {
+  return static_cast<std::size_t>(g_.oc * g_.depth()) * sizeof(float);
+}
+
+void Conv2dDepthwise::pack(const float* weight, std::byte* packed) const {
+  std::memcpy(packed, weight, packed_bytes());
+}
+
+double Conv2dDepthwise::macs() const noexcept {
+  return static_cast<double>(g_.batch * g_.oc * g_.oplane()) * static_cast<double>(g_.depth());
+}
+
+void Conv2dDepthwise::run_filter(std::int64_t plane, std::int64_t filter, const float* padded,
+                                 const Conv2dArrays& arrays, const float** taps) const {
+  const auto* weight =
+      static_cast<const float*>(static_cast<const void*>(arrays.packed)) + filter * g_.depth();
+  const float bias = arrays.bias != nullptr ? arrays.bias[filter] : 0.0F;
+  const std::int64_t at = (plane / g_.ic * g_.oc + filter) * g_.oplane();
   for (std::int64_t i = 0; i < g_.oheight; ++i) {
     for (std::int64_t u = 0; u < g_.kheight; ++u)
       for (std::int64_t v = 0; v < g_.kwidth; ++v) {
@@ -66,12 +88,15 @@ void Conv2dDepthwise::run_filter(const float* padded, const float* weight, float
         taps[u * g_.kwidth + v] =
             padded + (row * g_.stride_x + column % g_.stride_x) * phase_size_ + column / g_.stride_x;
       }
-    routines_.depthwise_row({taps, weight, g_.depth(), bias}, y + i * g_.owidth, g_.owidth);
+    float* y = arrays.y + at + i * g_.owidth;
+    routines_.depthwise_row({taps, weight, g_.depth(), bias}, y, g_.owidth);
+    if (!epilogue_.empty(arrays.residual))
+      epilogue_.finish(y, arrays.residual != nullptr ? arrays.residual + at + i * g_.owidth : nullptr, y,
+                       g_.owidth);
   }
 }
 
-void Conv2dDepthwise::run(const float* x, const float* weight, const float* bias, float* y,
-                          std::span<std::byte> scratch) const {
+void Conv2dDepthwise::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
   const std::int64_t slots = static_cast<std::int64_t>(scratch.size()) / thread_bytes();
   std::atomic<std::int64_t> next{0};
   parallel_for(slots, [&](std::int64_t slot) {
@@ -80,11 +105,11 @@ void Conv2dDepthwise::run(const float* x, const float* weight, const float* bias
     auto* padded = static_cast<float*>(static_cast<void*>(memory));
     auto* taps = static_cast<const float**>(static_cast<void*>(padded + plane_size));
     for (std::int64_t plane = next++; plane < g_.batch * g_.ic; plane = next++) {
-      pad_plane(x + plane * g_.plane(), padded);
+      pad_plane(arrays.x + plane * g_.plane(), padded);
+      if (relu_input_) relu_(padded, padded, static_cast<std::size_t>(plane_size));
       const std::int64_t group = plane % g_.ic;
       for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o)
-        run_filter(padded, weight + o * g_.depth(), bias != nullptr ? bias[o] : 0.0F, taps,
-                   y + (plane / g_.ic * g_.oc + o) * g_.oplane());
+        run_filter(plane, o, padded, arrays, taps);
     }
   });
 }

@@ -1,10 +1,13 @@
+#include <algorithm>
 #include <vector>
 
 #include "ops/common/elements.h"
 #include "ops/common/level_kernel.h"
 #include "ops/conv2d/conv2d_depthwise.h"
 #include "ops/conv2d/conv2d_gemm.h"
+#include "ops/conv2d/conv2d_grouped_gate.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/pointwise/unary_row.h"
 #include "ops/simd/dispatch.h"
 
 namespace slide::ops {
@@ -25,46 +28,78 @@ std::span<const Conv2dRoutines* const> conv2d_routines() {
 
 namespace {
 
-/// Conv2dGemm or Conv2dDepthwise with the routines of one level.
+/// A method of conv2d_method.h with the routines of one level.
 template <typename Method>
-class Conv2dKernel : public LevelKernel<Conv2dOp, Conv2dRoutines> {
+class Conv2dKernel : public Kernel {
  public:
-  using LevelKernel::LevelKernel;
+  Conv2dKernel(std::string_view name, const Conv2dRoutines& routines) : name_(name), routines_(routines) {}
 
+  [[nodiscard]] std::string_view name() const override { return name_; }
+  [[nodiscard]] Isa isa() const override { return routines_.isa; }
   [[nodiscard]] bool supports(const Op& op, std::span<const Shape> inputs,
                               const Shape& /*output*/) const override {
-    return Method::fits(geometry(op, inputs));
+    return Method::fits(of(op).geometry(inputs), of(op).fusion());
+  }
+  [[nodiscard]] bool packs(std::size_t index) const override { return index == 1; }
+  [[nodiscard]] std::size_t packed_bytes(const Op& op, std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return method(op, inputs).packed_bytes();
+  }
+  void pack(const Op& op, std::span<const Tensor> inputs, std::span<const Shape> shapes,
+            std::span<std::byte> packed) const override {
+    method(op, shapes).pack(f32(inputs[1]), packed.data());
   }
   [[nodiscard]] std::size_t scratch_bytes(const Op& op, std::span<const Shape> inputs,
                                           const Shape& /*output*/) const override {
-    return Method(routines(), geometry(op, inputs)).scratch_bytes();
+    return method(op, inputs).scratch_bytes();
+  }
+  /// The method's factor, one rounding of a residual, and for what the scale holds as |y|: elu (1 ULP, 2u),
+  /// sigmoid (2.5 ULP, 5u) and their product (u), or the activation.
+  [[nodiscard]] double error_factor(const Op& op, std::span<const Shape> inputs) const override {
+    const Conv2dFusion& fusion = of(op).fusion();
+    const double sums = method(op, inputs).error_factor() + (fusion.residual ? 1 : 0);
+    const double functions =
+        (fusion.gate ? 8 : 0) + (fusion.activation ? unary_error_factor(*fusion.activation) : 0);
+    return (fusion.gate || fusion.activation ? 1.01 : 1.0) * std::max(sums, functions);
+  }
+  [[nodiscard]] double macs(const Op& op, std::span<const Shape> inputs,
+                            const Shape& /*output*/) const override {
+    return method(op, inputs).macs();
+  }
+  void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
+           const KernelCall& call) const override {
+    const float* bias = of(op).geometry(shapes_of(inputs)).has_bias ? f32(inputs[2]) : nullptr;
+    const float* residual = of(op).fusion().residual ? f32(inputs.back()) : nullptr;
+    method(op, shapes_of(inputs))
+        .run({f32(inputs[0]), call.packed.data(), bias, residual, f32(output), call.range}, call.scratch);
   }
 
  private:
-  [[nodiscard]] static Conv2dGeometry geometry(const Op& op, std::span<const Shape> inputs) {
-    return conv2d_geometry(op.type(), inputs, static_cast<const Conv2dOp&>(op).params());
+  [[nodiscard]] static const Conv2dOp& of(const Op& op) { return static_cast<const Conv2dOp&>(op); }
+  [[nodiscard]] Method method(const Op& op, std::span<const Shape> inputs) const {
+    return {routines_, of(op).geometry(inputs), of(op).fusion()};
   }
-  [[nodiscard]] double factor(const Conv2dOp& op, std::span<const Shape> inputs) const override {
-    return Method(routines(), geometry(op, inputs)).error_factor();
-  }
-  void compute(const Conv2dOp& op, std::span<const Tensor> inputs, Tensor& output,
-               std::span<std::byte> scratch) const override {
-    const float* bias = inputs.size() > 2 ? f32(inputs[2]) : nullptr;
-    Method(routines(), geometry(op, shapes_of(inputs)))
-        .run(f32(inputs[0]), f32(inputs[1]), bias, f32(output), scratch);
-  }
+
+  std::string_view name_;
+  const Conv2dRoutines& routines_;
 };
+
+/// Adds a method's kernel of each level.
+template <typename Method>
+void list(std::string_view name, std::vector<const Kernel*>& all) {
+  static const KernelList<Conv2dKernel<Method>, Conv2dRoutines> kernels(name, conv2d_routines());
+  all.insert(all.end(), kernels.all().begin(), kernels.all().end());
+}
 
 }  // namespace
 
 std::span<const Kernel* const> Conv2dOp::kernels() const {
   static const std::vector<const Kernel*> all = [] {
-    static const KernelList<Conv2dKernel<Conv2dDepthwise>, Conv2dRoutines> depthwise("conv2d.depthwise",
-                                                                                     conv2d_routines());
-    static const KernelList<Conv2dKernel<Conv2dGemm>, Conv2dRoutines> gemm("conv2d.gemm", conv2d_routines());
-    std::vector<const Kernel*> both(depthwise.all().begin(), depthwise.all().end());
-    both.insert(both.end(), gemm.all().begin(), gemm.all().end());
-    return both;
+    std::vector<const Kernel*> methods;
+    list<Conv2dDepthwise>("conv2d.depthwise", methods);
+    list<Conv2dGroupedGate>("conv2d.grouped_gate", methods);
+    list<Conv2dGemm>("conv2d.gemm", methods);
+    return methods;
   }();
   return all;
 }

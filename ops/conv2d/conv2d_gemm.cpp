@@ -38,10 +38,14 @@ struct Conv2dGemm::Task {
   std::int64_t first, count;             // positions
 };
 
-Conv2dGemm::Conv2dGemm(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, bool gated)
+Conv2dGemm::Conv2dGemm(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                       const Conv2dFusion& fusion)
     : routines_(routines),
       g_(with_rows_joined(geometry)),
-      gated_(gated),
+      gated_(fusion.gate),
+      relu_input_(fusion.relu_input),
+      relu_(unary_row(UnaryOp(UnaryKind::kRelu), pointwise_routines_of(routines.isa))),
+      epilogue_(fusion, routines.isa),
       depth_(g_.depth()),
       block_depth_(block_depth_for(depth_)),
       panels_(divide_up(g_.group_oc, routines.rows)),
@@ -60,12 +64,18 @@ double Conv2dGemm::error_factor() const noexcept {
 }
 
 std::size_t Conv2dGemm::scratch_bytes() const noexcept {
-  const std::int64_t packed = g_.groups * panels_ * depth_ * routines_.rows;
   const std::int64_t thread = (block_depth_ + task_panels_ * routines_.rows) * routines_.columns;
   const std::int64_t tasks = g_.batch * g_.groups * tiles_ * row_tasks_;
   const std::int64_t threads = std::min<std::int64_t>(thread_count(), tasks);
-  return static_cast<std::size_t>(divide_up(packed, kRowAlignment) * kRowAlignment + threads * thread) *
-         sizeof(float);
+  return static_cast<std::size_t>(threads * thread) * sizeof(float);
+}
+
+std::size_t Conv2dGemm::packed_bytes() const noexcept {
+  return static_cast<std::size_t>(g_.groups * panels_ * depth_ * routines_.rows) * sizeof(float);
+}
+
+double Conv2dGemm::macs() const noexcept {
+  return static_cast<double>(g_.batch * g_.oc * g_.oplane()) * static_cast<double>(depth_);
 }
 
 Conv2dGemm::Task Conv2dGemm::task(std::int64_t index) const noexcept {
@@ -89,11 +99,12 @@ std::int64_t Conv2dGemm::channel_of_row(std::int64_t group, std::int64_t row) co
 }
 
 /// Panels of `rows` output channels, in each the weights k by k; zeros below the last channel.
-void Conv2dGemm::pack_weight(const float* weight, float* packed) const {
+void Conv2dGemm::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = routines_.rows;
+  auto* panels = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(g_.groups * panels_, [&](std::int64_t panel) {
     const std::int64_t first = panel % panels_ * rows;
-    float* to = packed + panel * depth_ * rows;
+    float* to = panels + panel * depth_ * rows;
     for (std::int64_t m = 0; m < rows; ++m) {
       const bool inside = first + m < g_.group_oc;
       const float* from = inside ? weight + channel_of_row(panel / panels_, first + m) * depth_ : nullptr;
@@ -102,19 +113,19 @@ void Conv2dGemm::pack_weight(const float* weight, float* packed) const {
   });
 }
 
-void Conv2dGemm::run_task(const Task& t, const float* x, const float* packed, const float* bias, float* y,
-                          float* memory) const {
+void Conv2dGemm::run_task(const Task& t, const Conv2dArrays& arrays, float* memory) const {
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
   const std::int64_t rows = routines_.rows;
   const std::int64_t columns = routines_.columns;
   float* b = memory;
   float* tile = memory + block_depth_ * columns;
   const std::int64_t last_row = std::min(t.last_panel * rows, g_.group_oc);
   for (std::int64_t row = t.first_panel * rows; row < t.last_panel * rows; ++row) {
-    const bool biased = bias != nullptr && row < last_row;
+    const bool biased = arrays.bias != nullptr && row < last_row;
     std::fill_n(tile + (row - t.first_panel * rows) * columns, columns,
-                biased ? bias[channel_of_row(t.group, row)] : 0.0F);
+                biased ? arrays.bias[channel_of_row(t.group, row)] : 0.0F);
   }
-  const ColumnSource source{x + (t.image * g_.ic + t.group * g_.group_ic) * g_.plane(),
+  const ColumnSource source{arrays.x + (t.image * g_.ic + t.group * g_.group_ic) * g_.plane(),
                             g_.height,
                             g_.width,
                             g_.owidth,
@@ -129,44 +140,39 @@ void Conv2dGemm::run_task(const Task& t, const float* x, const float* packed, co
   for (std::int64_t k = 0; k < depth_; k += block_depth_) {
     const std::int64_t last_k = std::min(k + block_depth_, depth_);
     routines_.pack_columns(source, t.first, t.count, k, last_k, b);
+    if (relu_input_) relu_(b, b, static_cast<std::size_t>((last_k - k) * columns));
     for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
       routines_.multiply(packed + ((t.group * panels_ + panel) * depth_ + k) * rows, b, last_k - k,
                          tile + (panel - t.first_panel) * rows * columns,
                          std::min(rows, last_row - panel * rows), t.count);
   }
-  write_tile(t, tile, y);
+  write_tile(t, tile, arrays);
 }
 
-void Conv2dGemm::write_tile(const Task& t, const float* tile, float* y) const {
+void Conv2dGemm::write_tile(const Task& t, float* tile, const Conv2dArrays& arrays) const {
   const std::int64_t columns = routines_.columns;
   const std::int64_t first_row = t.first_panel * routines_.rows;
   const std::int64_t last_row = std::min(t.last_panel * routines_.rows, g_.group_oc);
   const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
   for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
-    const float* from = tile + (row - first_row) * columns;
-    float* to = y + (t.image * channels + channel_of_row(t.group, row)) * g_.oplane() + t.first;
-    if (gated_)
-      routines_.gate(from, from + columns, to, t.count);
-    else
-      std::copy_n(from, t.count, to);
+    float* from = tile + (row - first_row) * columns;
+    const std::int64_t at = (t.image * channels + channel_of_row(t.group, row)) * g_.oplane() + t.first;
+    if (gated_) routines_.gate(from, from + columns, from, t.count);
+    epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
+                     t.count);
   }
 }
 
-void Conv2dGemm::run(const float* x, const float* weight, const float* bias, float* y,
-                     std::span<std::byte> scratch) const {
+void Conv2dGemm::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
   const std::int64_t tasks = g_.batch * g_.groups * tiles_ * row_tasks_;
   if (tasks == 0) return;
-  const std::int64_t packed_size =
-      divide_up(g_.groups * panels_ * depth_ * routines_.rows, kRowAlignment) * kRowAlignment;
   const std::int64_t thread_size = (block_depth_ + task_panels_ * routines_.rows) * routines_.columns;
-  auto* packed = static_cast<float*>(static_cast<void*>(scratch.data()));
-  const std::int64_t slots =
-      (static_cast<std::int64_t>(scratch.size() / sizeof(float)) - packed_size) / thread_size;
-  pack_weight(weight, packed);
+  auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
+  const std::int64_t slots = static_cast<std::int64_t>(scratch.size() / sizeof(float)) / thread_size;
   std::atomic<std::int64_t> next{0};
   parallel_for(slots, [&](std::int64_t slot) {
-    float* memory = packed + packed_size + slot * thread_size;
-    for (std::int64_t i = next++; i < tasks; i = next++) run_task(task(i), x, packed, bias, y, memory);
+    for (std::int64_t i = next++; i < tasks; i = next++)
+      run_task(task(i), arrays, memory + slot * thread_size);
   });
 }
 

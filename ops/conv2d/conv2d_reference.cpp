@@ -67,14 +67,4 @@ void conv2d_error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
   for (double& s : scale) s += underflow;
 }
 
-void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
-  conv2d_reference(conv2d_geometry(type(), shapes_of(inputs), params_), inputs,
-                   output.mutable_data<double>());
-}
-
-void Conv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
-  conv2d_error_scale(conv2d_geometry(type(), shapes_of(inputs), params_), inputs,
-                     scale.mutable_data<double>());
-}
-
 }  // namespace slide::ops

@@ -135,10 +135,10 @@ class PushPullKernel : public Kernel {
   }
 
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte> scratch) const override {
+           const KernelCall& call) const override {
     const Nchw s = nchw(inputs[0].shape());
     const std::int64_t planes = s.n * s.c;
-    float* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
+    float* memory = static_cast<float*>(static_cast<void*>(call.scratch.data()));
     float* spare = memory;
     memory += planes * s.plane();
     const std::vector<Level> levels = pull(inputs, memory);

@@ -87,7 +87,7 @@ class DistanceTransformKernel : public Kernel {
   }
 
   void run(const Op& /*op*/, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte> /*scratch*/) const override {
+           const KernelCall& /*call*/) const override {
     const Nchw in = nchw(output.shape());
     const std::int64_t planes = in.n * in.c;
     const std::int64_t strips = (in.w + kColumnGrain - 1) / kColumnGrain;

@@ -1,3 +1,4 @@
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -5,6 +6,7 @@
 #include "ops/common/level_kernel.h"
 #include "ops/pointwise/pointwise_routines.h"
 #include "ops/pointwise/unary_op.h"
+#include "ops/pointwise/unary_row.h"
 
 namespace slide::ops {
 namespace {
@@ -25,46 +27,62 @@ float rounded_down(double value) {
   return std::nextafter(nearest, -std::numeric_limits<float>::infinity());
 }
 
+}  // namespace
+
+UnaryRow unary_row(const UnaryOp& op, const PointwiseRoutines& routines) {
+  return {routines.unary[static_cast<std::size_t>(op.kind())],
+          op.kind() == UnaryKind::kGreater ? rounded_down(op.a()) : rounded(op.a()), rounded(op.b())};
+}
+
+/// The elementary functions' bounds are those of ops/simd/math.h, 1 ULP being at most 2·u relative to the
+/// result; each multiplication, addition and rounded attribute is one more u.
+double unary_error_factor(const UnaryOp& op) {
+  switch (op.kind()) {
+    case UnaryKind::kRelu:
+    case UnaryKind::kRelu6:
+    case UnaryKind::kAbs:
+    case UnaryKind::kGreater:
+      return 0;
+    case UnaryKind::kClip:
+    case UnaryKind::kSqrt:
+      return 1;
+    case UnaryKind::kLeakyRelu:
+    case UnaryKind::kExp:
+      return rounding_factor(2);
+    case UnaryKind::kAffine:
+      return rounding_factor(3);
+    case UnaryKind::kElu:
+    case UnaryKind::kSigmoid:
+      return rounding_factor(6);
+    case UnaryKind::kTanh:
+      return rounding_factor(8);
+  }
+  return 0;
+}
+
+const PointwiseRoutines& pointwise_routines_of(Isa isa) {
+  const std::span<const PointwiseRoutines* const> all = pointwise_routines();
+  return **std::find_if(all.begin(), all.end(), [&](const PointwiseRoutines* r) { return r->isa == isa; });
+}
+
+namespace {
+
 class UnaryKernel : public LevelKernel<UnaryOp, PointwiseRoutines> {
  public:
   using LevelKernel::LevelKernel;
 
  private:
-  /// The elementary functions' bounds are those of ops/simd/math.h, 1 ULP being at most 2·u relative to the
-  /// result; each multiplication, addition and rounded attribute is one more u.
   [[nodiscard]] double factor(const UnaryOp& op, std::span<const Shape> /*inputs*/) const override {
-    switch (op.kind()) {
-      case UnaryKind::kRelu:
-      case UnaryKind::kRelu6:
-      case UnaryKind::kAbs:
-      case UnaryKind::kGreater:
-        return 0;
-      case UnaryKind::kClip:
-      case UnaryKind::kSqrt:
-        return 1;
-      case UnaryKind::kLeakyRelu:
-      case UnaryKind::kExp:
-        return rounding_factor(2);
-      case UnaryKind::kAffine:
-        return rounding_factor(3);
-      case UnaryKind::kElu:
-      case UnaryKind::kSigmoid:
-        return rounding_factor(6);
-      case UnaryKind::kTanh:
-        return rounding_factor(8);
-    }
-    return 0;
+    return unary_error_factor(op);
   }
 
   void compute(const UnaryOp& op, std::span<const Tensor> inputs, Tensor& output,
                std::span<std::byte> /*scratch*/) const override {
-    const PointwiseRoutines::Unary f = routines().unary[static_cast<std::size_t>(op.kind())];
-    const float a = op.kind() == UnaryKind::kGreater ? rounded_down(op.a()) : rounded(op.a());
-    const float b = rounded(op.b());
+    const UnaryRow f = unary_row(op, routines());
     const float* x = f32(inputs[0]);
     float* y = f32(output);
     for_ranges(output.count(), kElementGrain, [&](std::int64_t begin, std::int64_t end) {
-      f(x + begin, y + begin, static_cast<std::size_t>(end - begin), a, b);
+      f(x + begin, y + begin, static_cast<std::size_t>(end - begin));
     });
   }
 };

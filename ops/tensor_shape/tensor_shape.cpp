@@ -111,7 +111,7 @@ class CopyKernel : public Kernel {
     return op.type() == "pad" ? 1 : 0;
   }
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte>) const override {
+           const KernelCall& /*call*/) const override {
     compute<float>(static_cast<const O&>(op), inputs, output);
   }
 

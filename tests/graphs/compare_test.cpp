@@ -31,7 +31,8 @@ class OffOp : public Op {
     Isa isa() const override { return Isa::kBaseline; }
     bool supports(const Op&, std::span<const Shape>, const Shape&) const override { return true; }
     double error_factor(const Op&, std::span<const Shape>) const override { return 0; }
-    void run(const Op&, std::span<const Tensor> inputs, Tensor& output, std::span<std::byte>) const override {
+    void run(const Op&, std::span<const Tensor> inputs, Tensor& output,
+             const KernelCall& /*call*/) const override {
       const std::span<const float> x = inputs[0].data<float>();
       for (std::size_t i = 0; i < x.size(); ++i) output.mutable_data<float>()[i] = x[i] * (1 + 0x1p-20F);
     }

@@ -33,9 +33,8 @@ class TestKernel : public Kernel {
   bool supports(const Op&, std::span<const Shape>, const Shape&) const override { return true; }
   std::size_t scratch_bytes(const Op&, std::span<const Shape>, const Shape&) const override { return 10; }
   double error_factor(const Op&, std::span<const Shape>) const override { return factor_; }
-  void run(const Op&, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte> scratch) const override {
-    body_(inputs[0].data<float>(), output.mutable_data<float>(), scratch);
+  void run(const Op&, std::span<const Tensor> inputs, Tensor& output, const KernelCall& call) const override {
+    body_(inputs[0].data<float>(), output.mutable_data<float>(), call.scratch);
   }
 
  private:

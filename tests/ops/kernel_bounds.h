@@ -79,11 +79,18 @@ inline std::vector<float> run_guarded(const Kernel& kernel, const Call& call,
   Tensor scratch(DType::kU8, Shape{static_cast<std::int64_t>(scratch_bytes + kGuard)});
   std::memset(scratch.mutable_raw().data(), 0xFF, scratch_bytes);  // NaN
   std::memset(scratch.mutable_raw().data() + scratch_bytes, 0x5A, kGuard);
-  kernel.run(*call.op, inputs, output, scratch.mutable_raw().first(scratch_bytes));
+  const std::size_t packed_bytes = kernel.packed_bytes(*call.op, call.input_shapes(), call.shape);
+  Tensor packed(DType::kU8, Shape{static_cast<std::int64_t>(packed_bytes + kGuard)});
+  std::memset(packed.mutable_raw().data(), 0xFF, packed_bytes);
+  std::memset(packed.mutable_raw().data() + packed_bytes, 0x5A, kGuard);
+  kernel.pack(*call.op, inputs, call.input_shapes(), packed.mutable_raw().first(packed_bytes));
+  kernel.run(*call.op, inputs, output,
+             {packed.raw().first(packed_bytes), scratch.mutable_raw().first(scratch_bytes), std::nullopt});
   for (std::size_t i = 0; i < kGuard; ++i) {
     REQUIRE(memory[i] == kGuardWord);
     REQUIRE(memory[kGuard + count + i] == kGuardWord);
     REQUIRE(scratch.raw()[scratch_bytes + i] == std::byte{0x5A});
+    REQUIRE(packed.raw()[packed_bytes + i] == std::byte{0x5A});
   }
   return {memory.begin() + kGuard, memory.begin() + kGuard + static_cast<std::ptrdiff_t>(count)};
 }
@@ -130,7 +137,9 @@ inline int check_kernels(const Call& call, bool flush_denormals = false) {
     set_thread_count(0);
     flush.reset();
     CHECK(std::memcmp(y.data(), again.data(), y.size() * sizeof(float)) == 0);
-    CHECK(error_in_bounds(y, exact, scale,
+    Tensor own(DType::kF64, call.shape);
+    const bool has_own = kernel->error_scale(*call.op, call.inputs, exact, own);
+    CHECK(error_in_bounds(y, exact, has_own ? own : scale,
                           kernel->error_factor(*call.op, shapes) * kernel->unit_roundoff()) <= 1);
   }
   return count;

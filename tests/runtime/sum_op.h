@@ -20,8 +20,8 @@ class SumKernel : public Kernel {
   }
   double error_factor(const Op&, std::span<const Shape>) const override { return 1; }
   void run(const Op&, std::span<const Tensor> inputs, Tensor& output,
-           std::span<std::byte> scratch) const override {
-    auto* copy = static_cast<float*>(static_cast<void*>(scratch.data()));
+           const KernelCall& call) const override {
+    auto* copy = static_cast<float*>(static_cast<void*>(call.scratch.data()));
     const std::span<float> y = output.mutable_data<float>();
     for (std::size_t i = 0; i < y.size(); ++i) copy[i] = inputs[0].data<float>()[i];
     for (std::size_t i = 0; i < y.size(); ++i) y[i] = copy[i] + inputs[1].data<float>()[i];

@@ -1,0 +1,28 @@
+#include <algorithm>
+
+#include "ops/conv2d/conv2d_method.h"
+#include "ops/pointwise/binary_op.h"
+#include "ops/pointwise/unary_row.h"
+
+namespace slide::ops {
+
+Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa) {
+  const PointwiseRoutines& routines = pointwise_routines_of(isa);
+  add_ = routines.binary[static_cast<std::size_t>(BinaryKind::kAdd)];
+  if (!fusion.activation) return;
+  const UnaryRow row = unary_row(*fusion.activation, routines);
+  function_ = row.function;
+  a_ = row.a;
+  b_ = row.b;
+}
+
+void Conv2dEpilogue::finish(float* sums, const float* residual, float* y, std::int64_t count) const {
+  const auto n = static_cast<std::size_t>(count);
+  if (residual != nullptr) add_(sums, 1, residual, 1, function_ != nullptr ? sums : y, n);
+  if (function_ != nullptr)
+    function_(sums, y, n, a_, b_);
+  else if (residual == nullptr && y != sums)
+    std::copy_n(sums, n, y);
+}
+
+}  // namespace slide::ops

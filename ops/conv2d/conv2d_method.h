@@ -1,0 +1,69 @@
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+
+#include "ops/conv2d/conv2d_geometry.h"
+#include "ops/pointwise/unary_op.h"
+#include "runtime/op.h"
+
+namespace slide::ops {
+
+/// What a convolution may do beside convolving, in the order of the computation. A planner joins neighbours
+/// of a convolution into it (ops/fusion).
+struct Conv2dFusion {
+  bool relu_input = false;      ///< x is max(x, 0)
+  bool upsample_input = false;  ///< x is upsampled by 2 (nearest) before it is convolved
+  bool residual = false;        ///< the last input, of the output's shape, is added to the sums and the bias
+  bool gate = false;            ///< the first half of the channels a, the second g: elu(a) · sigmoid(g)
+  std::shared_ptr<const UnaryOp> activation = nullptr;  ///< of the result
+};
+
+/// "relu before, residual, then relu6"; empty for a plain convolution.
+[[nodiscard]] std::string text_of(const Conv2dFusion& fusion);
+
+/// The tensors of one call.
+struct Conv2dArrays {
+  const float* x;
+  const std::byte* packed;  ///< the weight as the method's pack() left it
+  const float* bias;        ///< may be null
+  const float* residual;    ///< null unless fused
+  float* y;
+  std::optional<Range> range = std::nullopt;  ///< of x; for int8
+};
+
+// A method of convolution is a class M with
+//   M(const Conv2dRoutines&, const Conv2dGeometry&, const Conv2dFusion&)
+//   static bool fits(const Conv2dGeometry&, const Conv2dFusion&)     it can, and is worth it
+//   std::size_t packed_bytes() const; void pack(const float* weight, std::byte* packed) const
+//   std::size_t scratch_bytes() const
+//   double error_factor() const     roundings that a product meets: c of |y - y64| <= c·u·(|w| ∗ |x| + |b|),
+//                                   before residual, activation or gate
+//   double macs() const             multiply-accumulates really done
+//   void run(const Conv2dArrays&, std::span<std::byte> scratch) const
+// With Conv2dFusion::upsample_input the geometry's input is the upsampled one, x the one before.
+
+/// The end of a convolution, for rows of finished sums: residual, activation, gate.
+class Conv2dEpilogue {
+ public:
+  Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa);
+
+  /// Whether there is nothing to do.
+  [[nodiscard]] bool empty(const float* residual) const noexcept {
+    return function_ == nullptr && residual == nullptr;
+  }
+  /// y[j] = activation(sums[j] + residual[j]) for j < count; residual may be null, y may be sums. sums is
+  /// overwritten.
+  void finish(float* sums, const float* residual, float* y, std::int64_t count) const;
+
+ private:
+  using Function = void (*)(const float* x, float* y, std::size_t count, float a, float b);
+  using Add = void (*)(const float* a, std::size_t a_step, const float* b, std::size_t b_step, float* y,
+                       std::size_t count);
+  Function function_ = nullptr;
+  Add add_ = nullptr;
+  float a_ = 0, b_ = 0;
+};
+
+}  // namespace slide::ops

@@ -1,0 +1,185 @@
+// The fused convolution, defined as the composition of its parts.
+
+#include "ops/conv2d/conv2d_op.h"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "ops/common/op_support.h"
+#include "runtime/threads.h"
+
+namespace slide::ops {
+namespace {
+
+double elu(double x) { return x < 0 ? std::expm1(x) : x; }
+double sigmoid(double x) { return 1 / (1 + std::exp(-x)); }
+double log_sigmoid(double x) { return x < -40 ? x : -std::log1p(std::exp(-x)); }
+
+/// Calls body(a, g, y) for each element of a gated output, with the indices of its feature and its gate in
+/// the convolution's result and its own.
+template <typename Body>
+void for_each_gate(const Conv2dGeometry& g, const Body& body) {
+  const std::int64_t half = g.oc / 2 * g.oplane();
+  parallel_for(g.batch, [&](std::int64_t n) {
+    for (std::int64_t i = 0; i < half; ++i) {
+      const auto a = static_cast<std::size_t>(2 * n * half + i);
+      body(a, a + static_cast<std::size_t>(half), static_cast<std::size_t>(n * half + i));
+    }
+  });
+}
+
+Tensor upsampled(const Tensor& x) {
+  const Shape& s = x.shape();
+  Tensor y(DType::kF64, {s[0], s[1], 2 * s[2], 2 * s[3]});
+  const std::span<const double> from = x.data<double>();
+  double* to = y.mutable_data<double>().data();
+  for (std::int64_t row = 0; row < s[0] * s[1] * s[2]; ++row)
+    for (int twice = 0; twice < 2; ++twice)
+      for (std::int64_t j = 0; j < 2 * s[3]; ++j) *to++ = from[static_cast<std::size_t>(row * s[3] + j / 2)];
+  return y;
+}
+
+/// x, weight and bias of a call, x as it is convolved.
+std::vector<Tensor> convolution_inputs(const Conv2dOp& op, std::span<const Tensor> inputs) {
+  std::vector<Tensor> result(inputs.begin(),
+                             inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
+  result[0] = op.convolved_input(inputs[0]);
+  return result;
+}
+
+}  // namespace
+
+std::string text_of(const Conv2dFusion& fusion) {
+  std::string text;
+  const auto append = [&](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
+  if (fusion.upsample_input) append("x2 before");
+  if (fusion.relu_input) append("relu before");
+  if (fusion.residual) append("residual");
+  if (fusion.gate) append("gate");
+  if (fusion.activation) append(std::string(fusion.activation->type()));
+  return text;
+}
+
+std::vector<Shape> shapes_of(std::span<const Tensor> tensors) {
+  std::vector<Shape> shapes;
+  shapes.reserve(tensors.size());
+  for (const Tensor& t : tensors) shapes.push_back(t.shape());
+  return shapes;
+}
+
+std::optional<double> activation_slope(const UnaryOp& op) {
+  switch (op.kind()) {
+    case UnaryKind::kRelu:
+    case UnaryKind::kRelu6:
+    case UnaryKind::kTanh:
+    case UnaryKind::kAbs:
+    case UnaryKind::kClip:
+      return 1.0;
+    case UnaryKind::kSigmoid:
+      return 0.25;
+    case UnaryKind::kElu:
+    case UnaryKind::kLeakyRelu:
+      return std::max(1.0, std::fabs(op.a()));
+    default:
+      return std::nullopt;
+  }
+}
+
+std::string_view Conv2dOp::type() const { return fusion_.gate ? "gated_conv2d" : "conv2d"; }
+
+std::string Conv2dOp::attributes() const {
+  Conv2dFusion shown = fusion_;
+  shown.gate = false;  // the type says it
+  const std::string fused = text_of(shown);
+  const std::string plain = text_of(params_);
+  return fused.empty() || plain.empty() ? plain + fused : plain + ", " + fused;
+}
+
+Conv2dGeometry Conv2dOp::geometry(std::span<const Shape> inputs) const {
+  std::vector<Shape> own(inputs.begin(), inputs.end());
+  if (fusion_.residual) {
+    require_input_count(type(), inputs, 4, 4);
+    own.pop_back();
+  }
+  if (fusion_.upsample_input && own[0].rank() == 4)
+    own[0] = own[0].with(2, 2 * own[0][2]).with(3, 2 * own[0][3]);
+  const Conv2dGeometry g = conv2d_geometry(type(), own, params_);
+  if (fusion_.gate && g.oc % 2 != 0)
+    throw shape_error("a gated convolution needs an even number of filters, the weight has shape " +
+                      inputs[1].text());
+  return g;
+}
+
+Shape Conv2dOp::infer(std::span<const Shape> inputs) const {
+  const Conv2dGeometry g = geometry(inputs);
+  Shape output = g.output();
+  if (fusion_.gate) output = output.with(1, g.oc / 2);
+  if (fusion_.residual) require_shape("residual", inputs[3], output);
+  return output;
+}
+
+double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const {
+  return (fusion_.gate ? 2 : 1) * static_cast<double>(output.count()) *
+         static_cast<double>(geometry(inputs).depth());
+}
+
+Tensor Conv2dOp::convolved_input(const Tensor& x) const {
+  if (!fusion_.upsample_input && !fusion_.relu_input) return x;
+  Tensor y = fusion_.upsample_input ? upsampled(x) : x.clone();
+  if (fusion_.relu_input)
+    for (double& v : y.mutable_data<double>()) v = v < 0 ? 0 : v;
+  return y;
+}
+
+void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  const Conv2dGeometry g = geometry(shapes_of(inputs));
+  const std::vector<Tensor> own = convolution_inputs(*this, inputs);
+  const std::span<double> y = output.mutable_data<double>();
+  if (fusion_.gate) {
+    std::vector<double> conv(static_cast<std::size_t>(g.output().count()));
+    conv2d_reference(g, own, conv);
+    for_each_gate(g, [&](std::size_t feature, std::size_t gate, std::size_t i) {
+      y[i] = elu(conv[feature]) * sigmoid(conv[gate]);
+    });
+  } else {
+    conv2d_reference(g, own, y);
+  }
+  if (fusion_.residual)
+    for (std::size_t i = 0; i < y.size(); ++i) y[i] += inputs[3].data<double>()[i];
+  if (fusion_.activation)
+    for (double& v : y) v = fusion_.activation->evaluate(v);
+}
+
+void Conv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
+  const Conv2dGeometry g = geometry(shapes_of(inputs));
+  std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
+  conv2d_error_scale(g, convolution_inputs(*this, inputs), sums);
+  error_scale_of_sums(inputs, sums, output, scale);
+}
+
+void Conv2dOp::error_scale_of_sums(std::span<const Tensor> inputs, std::span<const double> sums,
+                                   const Tensor& output, Tensor& scale) const {
+  const std::span<const double> y = output.data<double>();
+  const std::span<double> s = scale.mutable_data<double>();
+  if (fusion_.gate) {
+    const Conv2dGeometry g = geometry(shapes_of(inputs));
+    std::vector<double> conv(sums.size());
+    conv2d_reference(g, convolution_inputs(*this, inputs), conv);
+    for_each_gate(g, [&](std::size_t feature, std::size_t gate, std::size_t i) {
+      const double open = std::exp(std::min(0.0, log_sigmoid(conv[gate]) + sums[gate] / 64));
+      const double feature_size = std::fabs(elu(conv[feature]));
+      s[i] = sums[feature] * open + feature_size * sums[gate] * std::min(0.25, open) + std::fabs(y[i]) +
+             0x1p-102 * (1 + feature_size);
+    });
+  } else {
+    std::copy(sums.begin(), sums.end(), s.begin());
+  }
+  if (fusion_.residual)
+    for (std::size_t i = 0; i < s.size(); ++i) s[i] += std::fabs(inputs[3].data<double>()[i]);
+  if (fusion_.activation)
+    for (std::size_t i = 0; i < s.size(); ++i)
+      s[i] = s[i] * activation_slope(*fusion_.activation).value_or(1.0) + std::fabs(y[i]);
+}
+
+}  // namespace slide::ops

@@ -1,0 +1,105 @@
+#include <doctest/doctest.h>
+
+#include "kernel_bounds.h"
+#include "ops/conv2d/conv2d_op.h"
+#include "ops/gated_conv/gated_conv2d.h"
+#include "ops/pointwise/pointwise.h"
+#include "ops/resize/resize.h"
+#include "runtime/error.h"
+#include "runtime/reference_executor.h"
+
+using namespace slide;
+using test::Call;
+using test::random_tensor;
+
+namespace {
+
+/// A fused convolution with bias, and the same from its parts through the graph's public functions.
+struct Pair {
+  Call fused;
+  Graph parts;
+  NamedTensors inputs;
+
+  Pair(const Shape& x, const Shape& weight, const ops::Conv2dParams& params, const ops::Conv2dFusion& fusion)
+      : fused(tensors(x, weight, params, fusion), [&](const std::vector<Value>& v) {
+          return v[0].graph().add(std::make_shared<ops::Conv2dOp>(params, fusion), v);
+        }) {
+    std::vector<Value> v;
+    for (std::size_t i = 0; i < fused.inputs.size(); ++i) {
+      v.push_back(parts.input("x" + std::to_string(i), fused.inputs[i].shape()));
+      inputs.emplace("x" + std::to_string(i), fused.inputs[i]);
+    }
+    Value y = fusion.upsample_input ? ops::upsample_nearest(v[0], 2) : v[0];
+    if (fusion.relu_input) y = ops::relu(y);
+    y = fusion.gate ? ops::gated_conv2d(y, v[1], v[2], params) : ops::conv2d(y, v[1], v[2], params);
+    if (fusion.residual) y = ops::add(y, v[3]);
+    if (fusion.activation) y = parts.add(fusion.activation, {y});
+    parts.output("y", y);
+  }
+
+  static std::vector<Tensor> tensors(const Shape& x, const Shape& weight, const ops::Conv2dParams& params,
+                                     ops::Conv2dFusion fusion) {
+    std::vector<Tensor> all = {random_tensor(x, 1), random_tensor(weight, 2, 0.2),
+                               random_tensor({weight[0]}, 3)};
+    if (!fusion.residual) return all;
+    fusion.residual = false;
+    const std::vector<Shape> shapes = ops::shapes_of(all);
+    all.push_back(random_tensor(ops::Conv2dOp(params, fusion).infer(shapes), 4));
+    return all;
+  }
+
+  void check() {
+    ReferenceExecutor run(parts, WeightMap());
+    run.run(inputs);
+    const Tensor y = fused.reference();
+    const std::span<const double> expected = run.tensor("y").data<double>();
+    for (std::size_t i = 0; i < expected.size(); ++i)
+      REQUIRE(y.data<double>()[i] == doctest::Approx(expected[i]).epsilon(1e-13));
+    CHECK(test::check_kernels(fused) >= 2);
+  }
+};
+
+std::shared_ptr<const ops::UnaryOp> unary(ops::UnaryKind kind, double a = 0, double b = 0) {
+  return std::make_shared<ops::UnaryOp>(kind, a, b);
+}
+
+}  // namespace
+
+TEST_CASE("a fused convolution is the composition of its parts, and its kernels keep their bounds") {
+  const ops::Conv2dParams same = ops::Conv2dParams::same(3);
+  for (const bool relu : {false, true})
+    for (const bool residual : {false, true}) {
+      CAPTURE(relu);
+      CAPTURE(residual);
+      const Shape x{1, 24, 13, 50};
+      Pair(x, {20, 24, 3, 3}, same, {.relu_input = relu, .residual = residual}).check();
+      Pair(x, {20, 24, 1, 1}, {},
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kRelu6)})
+          .check();
+      Pair(x, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 2, 1, 24),
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kLeakyRelu, 0.1)})
+          .check();
+      Pair(x, {40, 24, 3, 3}, ops::Conv2dParams::same(3, 2),
+           {.relu_input = relu, .residual = residual, .gate = true})
+          .check();
+      Pair(x, {32, 6, 3, 3}, ops::Conv2dParams::same(3, 1, 1, 4),
+           {.relu_input = relu,
+            .residual = residual,
+            .gate = true,
+            .activation = unary(ops::UnaryKind::kTanh)})
+          .check();
+      Pair(x, {40, 24, 3, 3}, ops::Conv2dParams::same(3, 1, 4),
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kSigmoid)})
+          .check();
+    }
+}
+
+TEST_CASE("a residual must have the output's shape") {
+  Graph g;
+  const Value x = g.input("x", {1, 4, 8, 8});
+  const Value weight = g.input("w", {6, 4, 1, 1});
+  const Value bias = g.input("b", {6});
+  const auto op = std::make_shared<ops::Conv2dOp>(ops::Conv2dParams{}, ops::Conv2dFusion{.residual = true});
+  CHECK_THROWS_AS(g.add(op, {x, weight, bias, x}), Error);
+  CHECK_THROWS_AS(g.add(op, {x, weight, bias}), Error);
+}
