@@ -1,8 +1,8 @@
-// A strip of lines is transformed, channel by channel; then tasks of some panels of tiles (about 48) and some
-// panels of weights multiply all frequencies, one after the other, into memory of their own that stays in the
-// second-level cache, and transform it back while it is there. Of a frequency, a task goes over its weights
-// once, so that they stream (from the third-level cache) at a fraction of what that gives, and the tiles'
-// panel stays near.
+// A strip, some lines of tiles or a segment of one, is transformed channel by channel; then its tasks, some
+// panels of tiles and of weights, multiply all frequencies one after the other into memory of their own, and
+// transform the products back. What a thread writes and soon reads again, a task's products and, where there
+// are strips enough for every thread to have its own, the transformed input, stays in the second-level cache;
+// the weights stream from the third-level cache once for each task_columns_ panels of tiles.
 
 #include "ops/conv2d/conv2d_winograd.h"
 
@@ -33,14 +33,15 @@ const WinogradRoutines& winograd_routines(Isa isa) {
 
 namespace {
 
-constexpr std::int64_t kBlockDepth = 32;       // as in Conv2dGemm
-constexpr std::int64_t kTaskTiles = 48;        // enough products for each weight that streams by
-constexpr std::int64_t kTaskRows = 64;         // with kTaskTiles, 36 frequencies take 432 KiB
-constexpr std::int64_t kFewTasks = 16;         // with fewer in a strip, tasks have fewer rows
-constexpr std::int64_t kMinTaskRows = 16;      //
-constexpr std::int64_t kStripBytes = 8 << 20;  // of transformed input, to be read from the caches
-constexpr std::int64_t kMinStripTiles = 4 * kTaskTiles;
-// Frequencies are read and written together; as powers of two apart they would share a set of the cache.
+constexpr std::int64_t kTaskTiles = 64;      // enough products for each weight that streams by
+constexpr std::int64_t kTaskRows = 48;       // with kTaskTiles, 36 frequencies take 432 KiB
+constexpr std::int64_t kMinTaskRows = 12;    // fewer read the transformed tiles too often
+constexpr std::int64_t kFewTasks = 16;       // with fewer in a shared strip, tasks have fewer rows
+constexpr std::int64_t kFewStrips = 8;       // with fewer, threads share them
+constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed input
+constexpr std::int64_t kSharedBytes = 8 << 20;
+// Frequencies are read and written together; at a distance of powers of two they would share a set of the
+// cache.
 constexpr std::int64_t kSkew = 16;
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
@@ -68,9 +69,15 @@ WinogradPoints points_of(int tile) {
   return points;
 }
 
-const WinogradTransforms& transforms_of(int tile, Isa isa) {
-  const WinogradRoutines& routines = winograd_routines(isa);
+const WinogradTransforms& transforms_of(int tile, const WinogradRoutines& routines) {
   return tile == 2 ? routines.two : tile == 4 ? routines.four : routines.six;
+}
+
+/// Near the square root of the channels, where the roundings within and of blocks are in balance.
+std::int64_t block_depth_for(std::int64_t channels) {
+  std::int64_t block = 8;
+  while (block * block * 2 < channels) block *= 2;
+  return std::min(block, channels);
 }
 
 /// Sizes of what an input transform needs, in floats.
@@ -93,50 +100,59 @@ InputMemory input_memory(const Conv2dGeometry& g, std::int64_t tile, std::int64_
 struct Conv2dWinogradBase::Strip {
   std::int64_t image;
   std::int64_t first_line, last_line;
-  std::int64_t tiles;
-  std::int64_t panels;
+  std::int64_t first_tile;  // in each of them
+  std::int64_t line_tiles;
+  std::int64_t panels;                          // of tiles
   std::int64_t panel_stride, frequency_stride;  // of V: [frequency][panel][channel][column]
+
+  [[nodiscard]] std::int64_t tiles() const noexcept { return (last_line - first_line) * line_tiles; }
 };
 
-struct Conv2dWinogradBase::Task {
-  std::int64_t first_panel, last_panel;    // of tiles
-  std::int64_t first_filter, last_filter;  // panels of weights
-};
-
-/// Adjacent tiles of one line and one panel.
+/// Adjacent tiles of one line and one panel, and the filters of a task.
 struct Conv2dWinogradBase::Run {
   std::int64_t image;
-  std::int64_t row;          // the first output row
-  std::int64_t first, last;  // in the line
-  std::int64_t row_size, sums_size;
+  std::int64_t row;                        // the first output row
+  std::int64_t first, last;                // in the line
+  std::int64_t first_filter, last_filter;  // rows of the packed weights
 };
 
 Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
                                        const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
     : routines_(routines),
+      winograd_(winograd_routines(routines.isa)),
+      transforms_(transforms_of(tile, winograd_)),
       g_(geometry),
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
       epilogue_(fusion, routines.isa),
-      matrices_(winograd_matrices(winograd_pairs(tile))),
-      points_(points_of(tile)),
-      transforms_(transforms_of(tile, routines.isa)),
       tile_(tile),
       frequencies_((tile + 2) * (tile + 2)),
-      block_depth_(std::min(g_.ic, kBlockDepth)),
+      points_(points_of(tile)),
+      block_depth_(block_depth_for(g_.ic)),
       lines_(tile_count(g_.oheight, tile, g_.dilation_y)),
       line_tiles_(tile_count(g_.owidth, tile, g_.dilation_x)),
-      panels_(divide_up(g_.oc, routines.rows)),
-      task_columns_(std::max<std::int64_t>(1, kTaskTiles / routines.columns)) {
-  const std::int64_t strip_tiles = std::max(
-      kStripBytes / (frequencies_ * g_.ic * static_cast<std::int64_t>(sizeof(float))), kMinStripTiles);
-  const std::int64_t most = std::clamp<std::int64_t>(strip_tiles / line_tiles_, 1, lines_);
-  strip_lines_ = divide_up(lines_, divide_up(lines_, most));
-  strip_panels_ = divide_up(strip_lines_ * line_tiles_, routines.columns);
-  const std::int64_t runs = divide_up(kFewTasks, divide_up(strip_panels_, task_columns_));
-  const std::int64_t rows =
-      std::clamp(divide_up(g_.oc, std::max(runs, divide_up(g_.oc, kTaskRows))), kMinTaskRows, kTaskRows);
-  task_panels_ = std::min(divide_up(rows, routines.rows), panels_);
+      segments_(1),
+      panels_(divide_up(g_.oc, winograd_.rows)),
+      task_columns_(std::max<std::int64_t>(1, kTaskTiles / winograd_.columns)) {
+  const auto tile_bytes = frequencies_ * g_.ic * static_cast<std::int64_t>(sizeof(float));
+  const std::int64_t own = std::max(kOwnBytes / tile_bytes, kTaskTiles);
+  shared_ = g_.batch * lines_ * line_tiles_ < kFewStrips * own;
+  const std::int64_t most = shared_ ? std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles) : own;
+  if (line_tiles_ > most) {
+    const std::int64_t line = line_tiles_;
+    line_tiles_ = round_up(divide_up(line, divide_up(line, most)), g_.dilation_x);
+    segments_ = divide_up(line, line_tiles_);
+  }
+  strip_lines_ = segments_ > 1 ? 1 : std::clamp<std::int64_t>(most / line_tiles_, 1, lines_);
+  strip_lines_ = divide_up(lines_, divide_up(lines_, strip_lines_));
+  strip_panels_ = divide_up(strip_lines_ * line_tiles_, winograd_.columns);
+  std::int64_t rows = std::min(g_.oc, kTaskRows);
+  if (shared_) {
+    const std::int64_t runs = divide_up(kFewTasks, divide_up(strip_panels_, task_columns_));
+    rows = std::clamp(divide_up(g_.oc, runs), std::min(rows, kMinTaskRows), rows);
+  }
+  task_panels_ = divide_up(rows, winograd_.rows);
+  product_stride_ = task_columns_ * task_panels_ * winograd_.rows * winograd_.columns + kSkew;
 }
 
 bool Conv2dWinogradBase::possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
@@ -154,7 +170,7 @@ template class Conv2dWinograd<6>;
 
 double Conv2dWinogradBase::error_factor() const noexcept {
   const std::int64_t pairs = tile_ / 2;
-  const std::int64_t fused = routines_.fused ? 1 : 0;
+  const std::int64_t fused = winograd_.fused ? 1 : 0;
   const std::int64_t input = fused != 0 ? pairs : 2 * pairs;
   const std::int64_t product = block_depth_ + divide_up(g_.ic, block_depth_) + (1 - fused);
   const std::int64_t output = pairs + 1 + (1 - fused);
@@ -162,12 +178,12 @@ double Conv2dWinogradBase::error_factor() const noexcept {
 }
 
 double Conv2dWinogradBase::macs() const noexcept {
-  return static_cast<double>(g_.batch * lines_ * line_tiles_ * frequencies_) *
-         static_cast<double>(g_.ic * g_.oc);
+  const std::int64_t tiles = g_.batch * lines_ * tile_count(g_.owidth, tile_, g_.dilation_x);
+  return static_cast<double>(tiles * frequencies_) * static_cast<double>(g_.ic * g_.oc);
 }
 
 std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
-  return static_cast<std::size_t>(frequencies_ * panels_ * g_.ic * routines_.rows) * sizeof(float);
+  return static_cast<std::size_t>(frequencies_ * panels_ * g_.ic * winograd_.rows) * sizeof(float);
 }
 
 /// Gated: each feature is followed by its gate.
@@ -177,7 +193,8 @@ std::int64_t Conv2dWinogradBase::filter_of_row(std::int64_t row) const noexcept 
 
 /// U as [frequency][panel][channel][row], zeros below the last filter.
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
-  const std::int64_t rows = routines_.rows;
+  const std::int64_t rows = winograd_.rows;
+  const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile_));
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
     std::vector<double> u(static_cast<std::size_t>(frequencies_));
@@ -186,7 +203,7 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
         const std::int64_t row = panel * rows + m;
         double taps[9] = {};
         if (row < g_.oc) std::copy_n(weight + (filter_of_row(row) * g_.ic + c) * 9, 9, taps);
-        winograd_filter(matrices_, taps, u.data());
+        winograd_filter(matrices, taps, u.data());
         for (std::int64_t f = 0; f < frequencies_; ++f)
           to[((f * panels_ + panel) * g_.ic + c) * rows + m] =
               static_cast<float>(u[static_cast<std::size_t>(f)]);
@@ -194,170 +211,182 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   });
 }
 
+std::int64_t Conv2dWinogradBase::strips() const noexcept {
+  return g_.batch * divide_up(lines_, strip_lines_) * segments_;
+}
+
 Conv2dWinogradBase::Strip Conv2dWinogradBase::strip(std::int64_t index) const noexcept {
-  const std::int64_t strips = divide_up(lines_, strip_lines_);
   Strip s{};
+  s.first_tile = index % segments_ * line_tiles_;
+  index /= segments_;
+  s.line_tiles = std::min(line_tiles_, tile_count(g_.owidth, tile_, g_.dilation_x) - s.first_tile);
+  const std::int64_t strips = divide_up(lines_, strip_lines_);
   s.image = index / strips;
   s.first_line = index % strips * strip_lines_;
   s.last_line = std::min(s.first_line + strip_lines_, lines_);
-  s.tiles = (s.last_line - s.first_line) * line_tiles_;
-  s.panels = divide_up(s.tiles, routines_.columns);
-  s.panel_stride = g_.ic * routines_.columns;
+  s.panels = divide_up(s.tiles(), winograd_.columns);
+  s.panel_stride = g_.ic * winograd_.columns;
   s.frequency_stride = strip_panels_ * s.panel_stride + kSkew;
   return s;
-}
-
-std::int64_t Conv2dWinogradBase::input_size() const noexcept {
-  return input_memory(g_, tile_, line_tiles_).total(tile_);
-}
-
-/// The products, [frequency][panel of tiles][row][column] and a vector more; the sums of a run of two
-/// filters.
-std::int64_t Conv2dWinogradBase::task_size() const noexcept {
-  const std::int64_t products =
-      frequencies_ * (task_columns_ * task_panels_ * routines_.rows * routines_.columns + kSkew);
-  return products + 2 * kRowAlignment + 2 * tile_ * tile_ * round_up(routines_.columns, kRowAlignment);
 }
 
 std::int64_t Conv2dWinogradBase::tasks_of(std::int64_t tile_panels) const noexcept {
   return divide_up(tile_panels, task_columns_) * divide_up(panels_, task_panels_);
 }
 
+/// Floats of a strip's transformed input.
+std::int64_t Conv2dWinogradBase::v_size() const noexcept {
+  return frequencies_ * (strip_panels_ * g_.ic * winograd_.columns + kSkew);
+}
+
+/// Floats for an input transform or a task: the products, [frequency][panel of tiles][row][column]; then the
+/// sums of two filters. Both may be read one vector beyond.
+std::int64_t Conv2dWinogradBase::work_size() const noexcept {
+  const std::int64_t sums = 2 * tile_ * tile_ * round_up(winograd_.columns, kRowAlignment);
+  return round_up(std::max(input_memory(g_, tile_, line_tiles_).total(tile_),
+                           frequencies_ * product_stride_ + sums + 2 * kRowAlignment),
+                  kRowAlignment);
+}
+
 std::size_t Conv2dWinogradBase::scratch_bytes() const noexcept {
-  const std::int64_t v =
-      round_up(frequencies_ * (strip_panels_ * g_.ic * routines_.columns + kSkew), kRowAlignment);
-  const std::int64_t threads =
-      std::min<std::int64_t>(thread_count(), std::max(tasks_of(strip_panels_), g_.ic));
-  const std::int64_t thread = round_up(std::max(input_size(), task_size()), kRowAlignment);
-  return static_cast<std::size_t>(v + threads * thread) * sizeof(float);
+  const std::int64_t most = shared_ ? std::max(tasks_of(strip_panels_), g_.ic) : strips();
+  const std::int64_t threads = std::min<std::int64_t>(thread_count(), most);
+  const std::int64_t count = shared_ ? v_size() + threads * work_size() : threads * (v_size() + work_size());
+  return static_cast<std::size_t>(count) * sizeof(float);
 }
 
 void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
-  const std::int64_t v_size =
-      round_up(frequencies_ * (strip_panels_ * g_.ic * routines_.columns + kSkew), kRowAlignment);
-  const std::int64_t thread = round_up(std::max(input_size(), task_size()), kRowAlignment);
-  auto* v = static_cast<float*>(static_cast<void*>(scratch.data()));
-  const std::int64_t slots = (static_cast<std::int64_t>(scratch.size() / sizeof(float)) - v_size) / thread;
-  const std::int64_t strips = g_.batch * divide_up(lines_, strip_lines_);
-  for (std::int64_t i = 0; i < strips; ++i) run_strip(strip(i), arrays, v, v + v_size, slots);
+  auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
+  const auto size = static_cast<std::int64_t>(scratch.size() / sizeof(float));
+  if (shared_) {
+    for (std::int64_t i = 0; i < strips(); ++i)
+      run_strip(strip(i), arrays, memory, memory + v_size(), (size - v_size()) / work_size());
+    return;
+  }
+  const std::int64_t thread = v_size() + work_size();
+  std::atomic<std::int64_t> next{0};
+  parallel_for(size / thread, [&](std::int64_t slot) {
+    float* mine = memory + slot * thread;
+    for (std::int64_t i = next++; i < strips(); i = next++)
+      run_strip(strip(i), arrays, mine, mine + v_size(), 1);
+  });
 }
 
+/// With `slots` threads, each with its part of memory. Within a thread of run(), with this one.
 void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                                    std::int64_t slots) const {
-  const std::int64_t thread = round_up(std::max(input_size(), task_size()), kRowAlignment);
   const float* x = arrays.x + strip.image * g_.ic * g_.plane();
   std::atomic<std::int64_t> next_channel{0};
   parallel_for(slots, [&](std::int64_t slot) {
-    float* mine = memory + slot * thread;
-    std::fill_n(mine, input_size(), 0.0F);
     for (std::int64_t c = next_channel++; c < g_.ic; c = next_channel++)
-      transform_channel(strip, c, x + c * g_.plane(), v, mine);
+      transform_channel(strip, c, x + c * g_.plane(), v, memory + slot * work_size());
   });
-  const std::int64_t columns = divide_up(strip.panels, task_columns_);
   const std::int64_t tasks = tasks_of(strip.panels);
   std::atomic<std::int64_t> next_task{0};
   parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next_task++; i < tasks; i = next_task++) {
-      const std::int64_t tiles = i % columns * task_columns_;
-      const std::int64_t filters = i / columns * task_panels_;
-      run_task(strip,
-               {tiles, std::min(tiles + task_columns_, strip.panels), filters,
-                std::min(filters + task_panels_, panels_)},
-               arrays, v, memory + slot * thread);
-    }
+    for (std::int64_t i = next_task++; i < tasks; i = next_task++)
+      run_task(strip, i, arrays, v, memory + slot * work_size());
   });
 }
 
-/// `memory` is zero, but for what calls for other channels left in it.
 void Conv2dWinogradBase::transform_channel(const Strip& strip, std::int64_t channel, const float* x, float* v,
                                            float* memory) const {
   const InputMemory sizes = input_memory(g_, tile_, line_tiles_);
-  const std::int64_t used = (divide_up(line_tiles_, g_.dilation_x) * tile_ + 2) * g_.dilation_x;
+  const std::int64_t start = tile_start(strip.first_tile, tile_, g_.dilation_x) - g_.left;
   const float* rows[8];
   WinogradInput in{};
   in.rows = rows;
-  in.left = std::min(g_.left, used);
-  in.count = std::clamp<std::int64_t>(used - g_.left, 0, g_.width);
+  in.used = (divide_up(strip.line_tiles, g_.dilation_x) * tile_ + 2) * g_.dilation_x;
+  in.left = std::clamp<std::int64_t>(-start, 0, in.used);
+  const std::int64_t first_column = std::clamp<std::int64_t>(start, 0, g_.width);
+  in.count = std::min(in.used - in.left, g_.width - first_column);
   in.relu = relu_input_;
   in.dilation = g_.dilation_x;
-  in.tiles = line_tiles_;
+  in.tiles = strip.line_tiles;
   in.buffer = memory + sizes.zeros;
   in.row_size = sizes.row_size;
   in.phases = in.buffer + (tile_ + 2) * sizes.row_size;
   in.phase_size = sizes.phase_size;
-  in.v = v + channel * routines_.columns;
-  in.columns = routines_.columns;
+  in.v = v + channel * winograd_.columns;
+  in.columns = winograd_.columns;
   in.panel_stride = strip.panel_stride;
   in.frequency_stride = strip.frequency_stride;
+  std::fill_n(memory, in.count, 0.0F);
   for (std::int64_t line = strip.first_line; line < strip.last_line; ++line) {
     const std::int64_t top = tile_start(line, tile_, g_.dilation_y) - g_.top;
     for (std::int64_t u = 0; u < tile_ + 2; ++u) {
       const std::int64_t row = top + u * g_.dilation_y;
-      rows[u] = row >= 0 && row < g_.height ? x + row * g_.width : memory;
+      rows[u] = row >= 0 && row < g_.height ? x + row * g_.width + first_column : memory;
     }
-    in.first = (line - strip.first_line) * line_tiles_;
+    in.first = (line - strip.first_line) * strip.line_tiles;
     transforms_.input(points_, in);
   }
 }
 
-void Conv2dWinogradBase::run_task(const Strip& strip, const Task& task, const Conv2dArrays& arrays,
+void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays,
                                   const float* v, float* memory) const {
-  const std::int64_t rows = routines_.rows, columns = routines_.columns;
+  const std::int64_t rows = winograd_.rows, columns = winograd_.columns;
+  const std::int64_t tasks = divide_up(strip.panels, task_columns_);  // that share weights
+  const std::int64_t first_panel = index % tasks * task_columns_;
+  const std::int64_t last_panel = std::min(first_panel + task_columns_, strip.panels);
+  const std::int64_t first_filter = index / tasks * task_panels_;
+  const std::int64_t last_filter = std::min(first_filter + task_panels_, panels_);
+  const std::int64_t block = (last_filter - first_filter) * rows * columns;  // of a panel of tiles
   const auto* u = static_cast<const float*>(static_cast<const void*>(arrays.packed));
-  const std::int64_t block = (task.last_filter - task.first_filter) * rows * columns;  // of a tile panel
-  const std::int64_t stride = task_columns_ * task_panels_ * rows * columns + kSkew;   // of a frequency
-  for (std::int64_t f = 0; f < frequencies_; ++f) {
-    std::fill_n(memory + f * stride, (task.last_panel - task.first_panel) * block, 0.0F);
-    for (std::int64_t filter = task.first_filter; filter < task.last_filter; ++filter)
-      for (std::int64_t panel = task.first_panel; panel < task.last_panel; ++panel)
-        for (std::int64_t c = 0; c < g_.ic; c += block_depth_)
-          routines_.multiply(u + ((f * panels_ + filter) * g_.ic + c) * rows,
-                             v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns,
-                             std::min(block_depth_, g_.ic - c),
-                             memory + f * stride + (panel - task.first_panel) * block +
-                                 (filter - task.first_filter) * rows * columns,
-                             std::min(rows, g_.oc - filter * rows),
-                             std::min(columns, strip.tiles - panel * columns));
-  }
-  float* sums = memory + frequencies_ * stride + kRowAlignment;
-  const std::int64_t sums_size = tile_ * tile_ * round_up(columns, kRowAlignment);
-  const std::int64_t last_row = std::min(task.last_filter * rows, g_.oc);
-  for (std::int64_t panel = task.first_panel; panel < task.last_panel; ++panel) {
-    const std::int64_t end = std::min((panel + 1) * columns, strip.tiles);
+  for (std::int64_t f = 0; f < frequencies_; ++f)
+    for (std::int64_t filter = first_filter; filter < last_filter; ++filter)
+      for (std::int64_t panel = first_panel; panel < last_panel; ++panel)
+        winograd_.multiply(u + (f * panels_ + filter) * g_.ic * rows,
+                           v + f * strip.frequency_stride + panel * strip.panel_stride, g_.ic, block_depth_,
+                           memory + f * product_stride_ + (panel - first_panel) * block +
+                               (filter - first_filter) * rows * columns,
+                           std::min(rows, g_.oc - filter * rows),
+                           std::min(columns, strip.tiles() - panel * columns));
+  float* sums = memory + frequencies_ * product_stride_ + kRowAlignment;
+  for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
+    const std::int64_t end = std::min((panel + 1) * columns, strip.tiles());
     for (std::int64_t first = panel * columns; first < end;) {
-      const std::int64_t line = first / line_tiles_;
-      const std::int64_t last = std::min((line + 1) * line_tiles_, end);
-      const Run run{strip.image,
-                    tile_start(strip.first_line + line, tile_, g_.dilation_y),
-                    first - line * line_tiles_,
-                    last - line * line_tiles_,
-                    sums_size / tile_,
-                    sums_size};
-      for (std::int64_t row = task.first_filter * rows; row < last_row; ++row) {
-        float* target = sums + (gated_ ? row % 2 * sums_size : 0);
-        transforms_.output(
-            points_, {memory + (panel - task.first_panel) * block +
-                          (row - task.first_filter * rows) * columns + first % columns,
-                      stride, last - first, arrays.bias != nullptr ? arrays.bias[filter_of_row(row)] : 0.0F,
-                      g_.dilation_x == 1, target, run.row_size});
-        if (!gated_ || row % 2 == 1) write_row(run, row, sums, arrays);
-      }
+      const std::int64_t line = first / strip.line_tiles;
+      const std::int64_t last = std::min((line + 1) * strip.line_tiles, end);
+      const std::int64_t offset = strip.first_tile - line * strip.line_tiles;
+      transform_filters(
+          {strip.image, tile_start(strip.first_line + line, tile_, g_.dilation_y), first + offset,
+           last + offset, first_filter * rows, std::min(last_filter * rows, g_.oc)},
+          memory + (panel - first_panel) * block + first % columns, arrays, sums);
       first = last;
     }
   }
 }
 
-/// The end of a filter's sums, or of a feature's and its gate's, and where they belong. Dilated, a tile's
-/// columns are written in pieces of the phases that the run has.
-void Conv2dWinogradBase::write_row(const Run& run, std::int64_t row, float* sums,
-                                   const Conv2dArrays& arrays) const {
+/// A gated filter's feature comes before its gate; both are written together.
+void Conv2dWinogradBase::transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
+                                           float* sums) const {
+  const std::int64_t row_size = tile_ * round_up(winograd_.columns, kRowAlignment);
+  WinogradOutput out{};
+  out.frequency_stride = product_stride_;
+  out.tiles = run.last - run.first;
+  out.interleave = g_.dilation_x == 1;
+  out.row_size = row_size;
+  for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
+    out.m = products + (row - run.first_filter) * winograd_.columns;
+    out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(row)] : 0.0F;
+    out.sums = gated_ && row % 2 == 1 ? sums + tile_ * row_size : sums;
+    transforms_.output(points_, out);
+    if (!gated_ || row % 2 == 1) write_filter(run, row, sums, arrays);
+  }
+}
+
+/// Dilated, a tile's columns are written in pieces of the phases that the run has.
+void Conv2dWinogradBase::write_filter(const Run& run, std::int64_t row, float* sums,
+                                      const Conv2dArrays& arrays) const {
+  const std::int64_t phase_size = round_up(winograd_.columns, kRowAlignment);
+  const std::int64_t row_size = tile_ * phase_size;
   const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
-  const std::int64_t channel = gated_ ? row / 2 : row;
-  const std::int64_t plane = (run.image * channels + channel) * g_.oplane();
+  const std::int64_t plane = (run.image * channels + (gated_ ? row / 2 : row)) * g_.oplane();
   const auto finish = [&](float* from, std::int64_t orow, std::int64_t column, std::int64_t count) {
     count = std::min(count, g_.owidth - column);
     if (count <= 0) return;
-    if (gated_) routines_.gate(from, from + run.sums_size, from, count);
+    if (gated_) routines_.gate(from, from + tile_ * row_size, from, count);
     const std::int64_t at = plane + orow * g_.owidth + column;
     epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at, count);
   };
@@ -365,7 +394,7 @@ void Conv2dWinogradBase::write_row(const Run& run, std::int64_t row, float* sums
   for (std::int64_t i = 0; i < tile_; ++i) {
     const std::int64_t orow = run.row + i * g_.dilation_y;
     if (orow >= g_.oheight) return;
-    float* from = sums + i * run.row_size;
+    float* from = sums + i * row_size;
     if (d == 1) {
       finish(from, orow, run.first * tile_, (run.last - run.first) * tile_);
       continue;
@@ -373,8 +402,7 @@ void Conv2dWinogradBase::write_row(const Run& run, std::int64_t row, float* sums
     for (std::int64_t t = run.first; t < run.last;) {
       const std::int64_t count = std::min(d - t % d, run.last - t);
       for (std::int64_t j = 0; j < tile_; ++j)
-        finish(from + j * (run.row_size / tile_) + t - run.first, orow, tile_start(t, tile_, d) + j * d,
-               count);
+        finish(from + j * phase_size + t - run.first, orow, tile_start(t, tile_, d) + j * d, count);
       t += count;
     }
   }

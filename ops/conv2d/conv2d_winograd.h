@@ -48,38 +48,43 @@ class Conv2dWinogradBase {
 
  private:
   struct Strip;
-  struct Task;
   struct Run;
   [[nodiscard]] std::int64_t filter_of_row(std::int64_t row) const noexcept;
+  [[nodiscard]] std::int64_t strips() const noexcept;
   [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
-  [[nodiscard]] std::int64_t input_size() const noexcept;
-  [[nodiscard]] std::int64_t task_size() const noexcept;
-  [[nodiscard]] std::int64_t tasks_of(std::int64_t tiles) const noexcept;
+  [[nodiscard]] std::int64_t tasks_of(std::int64_t tile_panels) const noexcept;
+  [[nodiscard]] std::int64_t v_size() const noexcept;
+  [[nodiscard]] std::int64_t work_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
   void transform_channel(const Strip& strip, std::int64_t channel, const float* x, float* v,
                          float* memory) const;
-  void run_task(const Strip& strip, const Task& task, const Conv2dArrays& arrays, const float* v,
+  void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
                 float* memory) const;
-  void write_row(const Run& run, std::int64_t row, float* sums, const Conv2dArrays& arrays) const;
+  void transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
+                         float* sums) const;
+  void write_filter(const Run& run, std::int64_t row, float* sums, const Conv2dArrays& arrays) const;
 
   const Conv2dRoutines& routines_;
+  const WinogradRoutines& winograd_;
+  const WinogradTransforms& transforms_;
   Conv2dGeometry g_;
   bool gated_, relu_input_;
   Conv2dEpilogue epilogue_;
-  WinogradMatrices matrices_;
-  WinogradPoints points_;
-  WinogradTransforms transforms_;
-  std::int64_t tile_;         // m
+  int tile_;                  // m
   std::int64_t frequencies_;  // (m + 2)²
-  std::int64_t block_depth_;  // channels summed before they are added to the products
-  std::int64_t lines_;        // of tiles in an image
-  std::int64_t line_tiles_;
-  std::int64_t strip_lines_;   // lines transformed together
-  std::int64_t strip_panels_;  // their panels of tiles
-  std::int64_t panels_;        // of weights
-  std::int64_t task_panels_;   // of weights, in a task
-  std::int64_t task_columns_;  // panels of tiles in a task
+  WinogradPoints points_;
+  std::int64_t block_depth_;     // channels summed before they are added to the sum
+  std::int64_t lines_;           // of tiles in an image
+  std::int64_t line_tiles_;      // of a line, or of its segment
+  std::int64_t segments_;        // of a line
+  std::int64_t strip_lines_;     // lines transformed together; 1 if they have segments
+  std::int64_t strip_panels_;    // their panels of tiles
+  bool shared_;                  // all threads work on a strip, else each on its own
+  std::int64_t panels_;          // of weights
+  std::int64_t task_panels_;     // of weights, in a task
+  std::int64_t task_columns_;    // panels of tiles in a task
+  std::int64_t product_stride_;  // from frequency to frequency of a task's products
 };
 
 /// Tile: 2, 4 or 6.

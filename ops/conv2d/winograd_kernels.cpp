@@ -1,4 +1,6 @@
-// The transforms of Winograd convolutions, lanes = adjacent tiles of a line. Input: the vertical transform
+// The inner loops of Winograd convolutions.
+//
+// Transforms: lanes = adjacent tiles of a line. Input: the vertical transform
 // runs along whole image rows, where neighbouring tiles share their columns; its rows are split into the
 // phases of the columns (column m·t + p of tile t becomes phase p, lane t), and from those the horizontal
 // transform takes its vectors. Output: both transforms in registers, and the columns' vectors are zipped into
@@ -7,6 +9,10 @@
 // With points 0, ±p_1 .. ±p_N, ∞ the rows of Bᵀ are products of the factors L_k = x² - p_k² and x² ± p_k·x:
 // an even and an odd half, each from nested L_k, shared by a pair. All coefficients are p and p², so a term
 // meets N roundings at most. Of Aᵀ, a pair's sum gives the even rows, its difference the odd ones.
+//
+// Product: kRows rows (output channels) by kVectors vectors of tiles. What is rounded here, the output
+// transform multiplies, so sums are short: a block's accumulators and the sums of blocks both stay in
+// registers where there are 32; where there are 16, the sums of blocks are on the stack.
 
 #include <utility>
 
@@ -151,6 +157,11 @@ void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, 
 /// The vertical transform of a line.
 template <int M>
 SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in) {
+  for (int u = 0; u < M + 2; ++u) {
+    float* row = in.buffer + u * in.row_size;
+    for (std::int64_t j = 0; j < in.left; ++j) row[j] = 0;
+    for (std::int64_t j = in.left + in.count; j < in.used; ++j) row[j] = 0;
+  }
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;
     const auto rest = static_cast<std::size_t>(in.count - j);
@@ -261,10 +272,74 @@ void output(const WinogradPoints& points, const WinogradOutput& run) {
   }
 }
 
+#if defined(__AVX512F__) || defined(__aarch64__)
+constexpr int kRows = 6;
+#elif defined(__FMA__)
+constexpr int kRows = 6;
+#else
+constexpr int kRows = 4;
+#endif
+constexpr int kVectors = 2;
+constexpr std::int64_t kColumns = kVectors * kWidth;
+
+template <int R, int V>
+SLIDE_INLINE void multiply_block(const float* a, const float* b, std::int64_t depth, Float (&block)[R][V]) {
+  for (std::int64_t k = 0; k < depth; ++k, a += kRows, b += kColumns) {
+    Float right[V];
+    for (int v = 0; v < V; ++v) right[v] = simd::load(b + v * kWidth);
+    for (int m = 0; m < R; ++m) {
+      const Float left = simd::broadcast(a[m]);
+      for (int v = 0; v < V; ++v) block[m][v] = simd::fma(left, right[v], block[m][v]);
+    }
+  }
+}
+
+template <int R, int V>
+void multiply_panel(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c) {
+  Float sums[R][V];
+  for (int m = 0; m < R; ++m)
+    for (int v = 0; v < V; ++v) sums[m][v] = simd::zero();
+  for (std::int64_t k = 0; k < depth; k += block) {
+    Float products[R][V];
+    for (int m = 0; m < R; ++m)
+      for (int v = 0; v < V; ++v) products[m][v] = simd::zero();
+    multiply_block<R, V>(a + k * kRows, b + k * kColumns, block < depth - k ? block : depth - k, products);
+    for (int m = 0; m < R; ++m)
+      for (int v = 0; v < V; ++v) sums[m][v] = sums[m][v] + products[m][v];
+  }
+  for (int m = 0; m < R; ++m)
+    for (int v = 0; v < V; ++v) simd::store(c + m * kColumns + v * kWidth, sums[m][v]);
+}
+
+template <int R>
+void multiply_rows(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+                   std::int64_t column_count) {
+  if constexpr (kVectors > 2)
+    if (column_count > 2 * kWidth) return multiply_panel<R, kVectors>(a, b, depth, block, c);
+  if (column_count > kWidth) return multiply_panel<R, 2>(a, b, depth, block, c);
+  multiply_panel<R, 1>(a, b, depth, block, c);
+}
+
+void multiply(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+              std::int64_t row_count, std::int64_t column_count) {
+  if (row_count > 4) return multiply_rows<kRows>(a, b, depth, block, c, column_count);
+  if (row_count > 2) return multiply_rows<4>(a, b, depth, block, c, column_count);
+  multiply_rows<2>(a, b, depth, block, c, column_count);
+}
+
 }  // namespace
 
 extern const WinogradRoutines winograd_routines;
-const WinogradRoutines winograd_routines{
-    Isa::SLIDE_ISA_ENUM, {input<2>, output<2>}, {input<4>, output<4>}, {input<6>, output<6>}};
+const WinogradRoutines winograd_routines {
+  Isa::SLIDE_ISA_ENUM,
+#if defined(__FMA__) || defined(__aarch64__)
+      true,
+#else
+      false,
+#endif
+      kRows, kColumns, multiply, {input<2>, output<2>}, {input<4>, output<4>}, {
+    input<6>, output<6>
+  }
+};
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -12,15 +12,16 @@ struct WinogradPoints {
   float power[3][6];  ///< p^i
 };
 
-/// One line of tiles of one input channel, see Conv2dWinograd. Buffer column b is input column b - left.
+/// One line of tiles of one input channel, see Conv2dWinograd.
 struct WinogradInput {
   const float* const* rows;  ///< m + 2 rows of the input, zeros where outside
-  std::int64_t left;
-  std::int64_t count;     ///< input columns to read
-  bool relu;              ///< x is max(x, 0)
-  std::int64_t dilation;  ///< horizontal
-  std::int64_t tiles;     ///< of the line
-  float* buffer;          ///< m + 2 rows of row_size; outside of [left, left + count) they are zero
+  std::int64_t left;         ///< columns of zeros first
+  std::int64_t count;        ///< then input columns
+  std::int64_t used;         ///< then zeros, up to here
+  bool relu;                 ///< x is max(x, 0)
+  std::int64_t dilation;     ///< horizontal
+  std::int64_t tiles;        ///< of the line
+  float* buffer;             ///< m + 2 rows of row_size
   std::int64_t row_size;
   float* phases;  ///< m rows of phase_size
   std::int64_t phase_size;
@@ -55,6 +56,16 @@ struct WinogradTransforms {
 /// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
 struct WinogradRoutines {
   Isa isa;
+  bool fused;            ///< multiply and add round once
+  std::int64_t rows;     ///< of a panel of the left matrix; even
+  std::int64_t columns;  ///< of a panel of the right matrix
+
+  /// c[m, j] = sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
+  /// column_count <= columns and perhaps others within the panel; blocks of `block` products are summed in
+  /// order, then the blocks in order. c has rows of `columns`.
+  void (*multiply)(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+                   std::int64_t row_count, std::int64_t column_count);
+
   WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
 };
 
