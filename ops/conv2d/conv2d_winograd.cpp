@@ -39,6 +39,8 @@ constexpr std::int64_t kMinTaskRows = 12;    // fewer read the transformed tiles
 constexpr std::int64_t kFewTasks = 16;       // with fewer in a shared strip, tasks have fewer rows
 constexpr std::int64_t kFewStrips = 8;       // with fewer, threads share them
 constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed input
+constexpr std::int64_t kNearBytes =
+    24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
@@ -84,7 +86,7 @@ std::int64_t block_depth_for(std::int64_t channels) {
 struct InputMemory {
   std::int64_t zeros, row_size, phase_size;
   [[nodiscard]] std::int64_t total(std::int64_t tile) const {
-    return zeros + (tile + 2) * row_size + tile * phase_size;
+    return zeros + (tile + 2) * (row_size + tile * phase_size);
   }
 };
 
@@ -129,6 +131,10 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
       frequencies_((tile + 2) * (tile + 2)),
       points_(points_of(tile)),
       block_depth_(block_depth_for(g_.ic)),
+      part_depth_(
+          std::max(kNearBytes / (winograd_.columns * static_cast<std::int64_t>(sizeof(float))) / block_depth_,
+                   std::int64_t{1}) *
+          block_depth_),
       lines_(tile_count(g_.oheight, tile, g_.dilation_y)),
       line_tiles_(tile_count(g_.owidth, tile, g_.dilation_x)),
       segments_(1),
@@ -191,23 +197,26 @@ std::int64_t Conv2dWinogradBase::filter_of_row(std::int64_t row) const noexcept 
   return gated_ ? row / 2 + (row % 2 == 0 ? 0 : g_.oc / 2) : row;
 }
 
-/// U as [frequency][panel][channel][row], zeros below the last filter.
+/// U as [frequency][part of the channels][panel][channel][row], zeros below the last filter.
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = winograd_.rows;
   const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile_));
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
     std::vector<double> u(static_cast<std::size_t>(frequencies_));
-    for (std::int64_t c = 0; c < g_.ic; ++c)
+    for (std::int64_t c = 0; c < g_.ic; ++c) {
+      const std::int64_t part = c / part_depth_ * part_depth_;
+      const std::int64_t depth = std::min(part_depth_, g_.ic - part);
+      float* first = to + (part * panels_ + panel * depth + c - part) * rows;
       for (std::int64_t m = 0; m < rows; ++m) {
         const std::int64_t row = panel * rows + m;
         double taps[9] = {};
         if (row < g_.oc) std::copy_n(weight + (filter_of_row(row) * g_.ic + c) * 9, 9, taps);
         winograd_filter(matrices, taps, u.data());
         for (std::int64_t f = 0; f < frequencies_; ++f)
-          to[((f * panels_ + panel) * g_.ic + c) * rows + m] =
-              static_cast<float>(u[static_cast<std::size_t>(f)]);
+          first[f * g_.ic * panels_ * rows + m] = static_cast<float>(u[static_cast<std::size_t>(f)]);
       }
+    }
   });
 }
 
@@ -334,14 +343,18 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   const std::int64_t block = (last_filter - first_filter) * rows * columns;  // of a panel of tiles
   const auto* u = static_cast<const float*>(static_cast<const void*>(arrays.packed));
   for (std::int64_t f = 0; f < frequencies_; ++f)
-    for (std::int64_t filter = first_filter; filter < last_filter; ++filter)
-      for (std::int64_t panel = first_panel; panel < last_panel; ++panel)
-        winograd_.multiply(u + (f * panels_ + filter) * g_.ic * rows,
-                           v + f * strip.frequency_stride + panel * strip.panel_stride, g_.ic, block_depth_,
-                           memory + f * product_stride_ + (panel - first_panel) * block +
-                               (filter - first_filter) * rows * columns,
-                           std::min(rows, g_.oc - filter * rows),
-                           std::min(columns, strip.tiles() - panel * columns));
+    for (std::int64_t c = 0; c < g_.ic; c += part_depth_) {
+      const std::int64_t depth = std::min(part_depth_, g_.ic - c);
+      for (std::int64_t filter = first_filter; filter < last_filter; ++filter)
+        for (std::int64_t panel = first_panel; panel < last_panel; ++panel)
+          winograd_.multiply(u + ((f * g_.ic + c) * panels_ + filter * depth) * rows,
+                             v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns, depth,
+                             block_depth_, c > 0,
+                             memory + f * product_stride_ + (panel - first_panel) * block +
+                                 (filter - first_filter) * rows * columns,
+                             std::min(rows, g_.oc - filter * rows),
+                             std::min(columns, strip.tiles() - panel * columns));
+    }
   float* sums = memory + frequencies_ * product_stride_ + kRowAlignment;
   for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
     const std::int64_t end = std::min((panel + 1) * columns, strip.tiles());

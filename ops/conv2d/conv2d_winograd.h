@@ -75,6 +75,7 @@ class Conv2dWinogradBase {
   std::int64_t frequencies_;  // (m + 2)²
   WinogradPoints points_;
   std::int64_t block_depth_;     // channels summed before they are added to the sum
+  std::int64_t part_depth_;      // channels that are multiplied with all rows before the next; whole blocks
   std::int64_t lines_;           // of tiles in an image
   std::int64_t line_tiles_;      // of a line, or of its segment
   std::int64_t segments_;        // of a line

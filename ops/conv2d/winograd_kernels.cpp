@@ -184,15 +184,15 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
 /// The horizontal transform of one transformed row, from its phases to the panels.
 template <int M>
 SLIDE_INLINE void transform_phases(const Float* square, const Float* point, const WinogradInput& in,
-                                   float* v) {
+                                   const float* phases, float* v) {
   std::int64_t column = in.first % in.columns;
   float* panel = v + in.first / in.columns * in.panel_stride;
   for (std::int64_t t = 0; t < in.tiles;) {
     const std::int64_t end = in.tiles - t < in.columns - column ? in.tiles : t + in.columns - column;
     for (; t < end; t += kWidth, column += kWidth) {
       Float d[M + 2];
-      for (int p = 0; p < M; ++p) d[p] = simd::load(in.phases + p * in.phase_size + t);
-      for (int p = 0; p < 2; ++p) d[M + p] = simd::load(in.phases + p * in.phase_size + in.dilation + t);
+      for (int p = 0; p < M; ++p) d[p] = simd::load(phases + p * in.phase_size + t);
+      for (int p = 0; p < 2; ++p) d[M + p] = simd::load(phases + p * in.phase_size + in.dilation + t);
       transform_input<M>(square, point, d);
       const std::int64_t room = in.columns - column;
       for (int f = 0; f < M + 2; ++f) {
@@ -220,12 +220,15 @@ void input(const WinogradPoints& points, const WinogradInput& in) {
   const std::int64_t groups = (in.tiles + in.dilation - 1) / in.dilation + 1;
   for (int u = 0; u < M + 2; ++u) {
     const float* row = in.buffer + u * in.row_size;
+    float* phases = in.phases + u * M * in.phase_size;
     if (in.dilation == 1)
-      split_columns<M>(row, groups, in.phases, in.phase_size);
+      split_columns<M>(row, groups, phases, in.phase_size);
     else
-      split_groups<M>(row, in.dilation, groups, in.phases, in.phase_size);
-    transform_phases<M>(square, point, in, in.v + u * (M + 2) * in.frequency_stride);
+      split_groups<M>(row, in.dilation, groups, phases, in.phase_size);
   }
+  for (int u = 0; u < M + 2; ++u)
+    transform_phases<M>(square, point, in, in.phases + u * M * in.phase_size,
+                        in.v + u * (M + 2) * in.frequency_stride);
 }
 
 /// A row of tiles as adjacent columns.
@@ -273,13 +276,15 @@ void output(const WinogradPoints& points, const WinogradOutput& run) {
 }
 
 #if defined(__AVX512F__) || defined(__aarch64__)
-constexpr int kRows = 6;
+constexpr int kRows = 4;
+constexpr int kVectors = 3;
 #elif defined(__FMA__)
 constexpr int kRows = 6;
+constexpr int kVectors = 2;
 #else
 constexpr int kRows = 4;
-#endif
 constexpr int kVectors = 2;
+#endif
 constexpr std::int64_t kColumns = kVectors * kWidth;
 
 template <int R, int V>
@@ -295,10 +300,11 @@ SLIDE_INLINE void multiply_block(const float* a, const float* b, std::int64_t de
 }
 
 template <int R, int V>
-void multiply_panel(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c) {
+void multiply_panel(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add,
+                    float* c) {
   Float sums[R][V];
   for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) sums[m][v] = simd::zero();
+    for (int v = 0; v < V; ++v) sums[m][v] = add ? simd::load(c + m * kColumns + v * kWidth) : simd::zero();
   for (std::int64_t k = 0; k < depth; k += block) {
     Float products[R][V];
     for (int m = 0; m < R; ++m)
@@ -312,19 +318,20 @@ void multiply_panel(const float* a, const float* b, std::int64_t depth, std::int
 }
 
 template <int R>
-void multiply_rows(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+void multiply_rows(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
                    std::int64_t column_count) {
   if constexpr (kVectors > 2)
-    if (column_count > 2 * kWidth) return multiply_panel<R, kVectors>(a, b, depth, block, c);
-  if (column_count > kWidth) return multiply_panel<R, 2>(a, b, depth, block, c);
-  multiply_panel<R, 1>(a, b, depth, block, c);
+    if (column_count > 2 * kWidth) return multiply_panel<R, kVectors>(a, b, depth, block, add, c);
+  if (column_count > kWidth) return multiply_panel<R, 2>(a, b, depth, block, add, c);
+  multiply_panel<R, 1>(a, b, depth, block, add, c);
 }
 
-void multiply(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+void multiply(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
               std::int64_t row_count, std::int64_t column_count) {
-  if (row_count > 4) return multiply_rows<kRows>(a, b, depth, block, c, column_count);
-  if (row_count > 2) return multiply_rows<4>(a, b, depth, block, c, column_count);
-  multiply_rows<2>(a, b, depth, block, c, column_count);
+  if constexpr (kRows > 4)
+    if (row_count > 4) return multiply_rows<kRows>(a, b, depth, block, add, c, column_count);
+  if (row_count > 2) return multiply_rows<4>(a, b, depth, block, add, c, column_count);
+  multiply_rows<2>(a, b, depth, block, add, c, column_count);
 }
 
 }  // namespace

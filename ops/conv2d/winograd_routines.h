@@ -23,7 +23,7 @@ struct WinogradInput {
   std::int64_t tiles;        ///< of the line
   float* buffer;             ///< m + 2 rows of row_size
   std::int64_t row_size;
-  float* phases;  ///< m rows of phase_size
+  float* phases;  ///< (m + 2)·m rows of phase_size
   std::int64_t phase_size;
   float* v;                   ///< this channel's row of the first panel and frequency
   std::int64_t first;         ///< the line's first tile is column first % columns of panel first / columns
@@ -61,9 +61,9 @@ struct WinogradRoutines {
   std::int64_t columns;  ///< of a panel of the right matrix
 
   /// c[m, j] = sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
-  /// column_count <= columns and perhaps others within the panel; blocks of `block` products are summed in
-  /// order, then the blocks in order. c has rows of `columns`.
-  void (*multiply)(const float* a, const float* b, std::int64_t depth, std::int64_t block, float* c,
+  /// column_count <= columns and perhaps others within the panel; plus what c was, if `add`. Blocks of
+  /// `block` products are summed in order, then c and the blocks in order. c has rows of `columns`.
+  void (*multiply)(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
                    std::int64_t row_count, std::int64_t column_count);
 
   WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
