@@ -1,7 +1,6 @@
 #include <algorithm>
 #include <array>
 #include <functional>
-#include <optional>
 
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fusion/rewrites.h"
@@ -65,15 +64,16 @@ Rewrite rewrite_for(const Draft& draft, int i) {
   return {};
 }
 
-/// The form of convolution `reader` of node i with the rewrite done, if it can be.
-std::optional<ConvForm> rewritten(const Draft& draft, int reader, int i, const Rewrite& rewrite) {
+/// Convolution `reader` of node i with the rewrite done; null if that cannot be.
+std::shared_ptr<const Conv2dOp> rewritten(const Draft& draft, int reader, int i, const Rewrite& rewrite) {
   const auto* conv = draft.as<Conv2dOp>(reader);
-  const std::vector<int>& inputs = draft.node(reader).inputs;
-  if (conv == nullptr || inputs[0] != i || std::count(inputs.begin(), inputs.end(), i) != 1)
-    return std::nullopt;
+  std::vector<int> inputs = draft.node(reader).inputs;
+  if (conv == nullptr || inputs[0] != i || std::ranges::count(inputs, i) != 1) return nullptr;
   ConvForm form{conv->params(), conv->fusion()};
-  if (!rewrite(form, draft.node(inputs[1]).shape)) return std::nullopt;
-  return form;
+  if (!rewrite(form, draft.node(inputs[1]).shape)) return nullptr;
+  auto op = std::make_shared<const Conv2dOp>(form.params, form.fusion);
+  inputs[0] = draft.node(i).inputs[0];
+  return draft.may_become(reader, *op, inputs) ? op : nullptr;
 }
 
 }  // namespace
@@ -83,18 +83,16 @@ void fuse_before(Draft& draft, int i) {
   const Rewrite rewrite = rewrite_for(draft, i);
   if (!rewrite) return;
   const std::vector<int> readers = draft.readers(i);
-  std::vector<ConvForm> forms;
+  std::vector<std::shared_ptr<const Conv2dOp>> convolutions;
   for (const int reader : readers) {
-    const std::optional<ConvForm> form = rewritten(draft, reader, i, rewrite);
-    if (!form) return;
-    forms.push_back(*form);
+    convolutions.push_back(rewritten(draft, reader, i, rewrite));
+    if (convolutions.back() == nullptr) return;
   }
   const int x = draft.node(i).inputs[0];
   for (std::size_t k = 0; k < readers.size(); ++k) {
     std::vector<int> inputs = draft.node(readers[k]).inputs;
     inputs[0] = x;
-    draft.replace(readers[k], std::make_shared<Conv2dOp>(forms[k].params, forms[k].fusion),
-                  std::move(inputs));
+    draft.replace(readers[k], convolutions[k], std::move(inputs));
   }
 }
 

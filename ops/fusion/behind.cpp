@@ -1,5 +1,4 @@
 #include <algorithm>
-#include <cmath>
 
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fusion/rewrites.h"
@@ -102,37 +101,22 @@ void fuse_residual(Draft& draft, int i) {
     std::vector<int> inputs = draft.node(conv).inputs;
     if (inputs.size() < 3) inputs.push_back(draft.add_constant(i, {draft.node(i).shape[1]}, 0));
     inputs.push_back(other);
-    return draft.replace(i, std::make_shared<Conv2dOp>(op->params(), fusion), inputs);
-  }
-}
-
-/// Whether |f(a) - f(b)| <= |a - b|, so that no error of a convolution grows by it.
-bool contracts(const UnaryOp& f) {
-  switch (f.kind()) {
-    case UnaryKind::kRelu:
-    case UnaryKind::kRelu6:
-    case UnaryKind::kSigmoid:
-    case UnaryKind::kTanh:
-    case UnaryKind::kClip:
-      return true;
-    case UnaryKind::kLeakyRelu:
-    case UnaryKind::kElu:
-    case UnaryKind::kAffine:
-      return std::fabs(f.a()) <= 1;
-    default:
-      return false;
+    auto fused = std::make_shared<Conv2dOp>(op->params(), fusion);
+    if (draft.may_become(i, *fused, inputs)) return draft.replace(i, std::move(fused), std::move(inputs));
   }
 }
 
 void fuse_activation(Draft& draft, int i) {
   const auto* activation = draft.as<UnaryOp>(i);
-  if (activation == nullptr || !contracts(*activation)) return;
+  if (activation == nullptr || !activation_slope(*activation)) return;
   const int before = draft.node(i).inputs[0];
   const Conv2dOp* conv = open_conv(draft, before);
   if (conv == nullptr) return;
   Conv2dFusion fusion = conv->fusion();
   fusion.activation = std::static_pointer_cast<const UnaryOp>(draft.node(i).op);
-  draft.replace(i, std::make_shared<Conv2dOp>(conv->params(), fusion), draft.node(before).inputs);
+  const std::vector<int> inputs = draft.node(before).inputs;
+  auto fused = std::make_shared<Conv2dOp>(conv->params(), fusion);
+  if (draft.may_become(i, *fused, inputs)) draft.replace(i, std::move(fused), inputs);
 }
 
 }  // namespace

@@ -7,15 +7,16 @@
 
 namespace slide::ops {
 
-Draft::Draft(const Graph& graph, bool keep_taps)
-    : nodes_(graph.nodes()),
+Draft::Draft(const Graph& graph, const FusionOptions& options)
+    : need_kernels_(options.need_kernels),
+      nodes_(graph.nodes()),
       readers_(nodes_.size()),
       result_(nodes_.size()),
       constant_(nodes_.size()),
       outputs_(graph.outputs()),
       taps_(graph.taps()) {
   for (const auto& output : outputs_) result_[static_cast<std::size_t>(output.second)] = true;
-  if (keep_taps)
+  if (options.keep_taps)
     for (const auto& tap : taps_) result_[static_cast<std::size_t>(tap.second)] = true;
   for (int i = 0; i < size(); ++i) {
     names_.insert(node(i).name);
@@ -45,10 +46,22 @@ void Draft::set_inputs(int i, std::vector<int> inputs) {
   }
 }
 
-void Draft::replace(int i, std::shared_ptr<const Op> op, std::vector<int> inputs) {
+std::vector<Shape> Draft::shapes_of(const std::vector<int>& nodes) const {
   std::vector<Shape> shapes;
-  for (const int j : inputs) shapes.push_back(node(j).shape);
-  require_shape(op->type(), op->infer(shapes), node(i).shape);
+  for (const int j : nodes) shapes.push_back(node(j).shape);
+  return shapes;
+}
+
+bool Draft::may_become(int i, const Op& op, const std::vector<int>& inputs) const {
+  const std::vector<Shape> shapes = shapes_of(inputs);
+  return !need_kernels_ || std::ranges::any_of(op.kernels(), [&](const Kernel* kernel) {
+    return kernel->isa() == Isa::kBaseline && kernel->precision() == Precision::kFp32 &&
+           kernel->supports(op, shapes, node(i).shape);
+  });
+}
+
+void Draft::replace(int i, std::shared_ptr<const Op> op, std::vector<int> inputs) {
+  require_shape(op->type(), op->infer(shapes_of(inputs)), node(i).shape);
   nodes_[static_cast<std::size_t>(i)].op = std::move(op);
   set_inputs(i, std::move(inputs));
 }
@@ -78,9 +91,7 @@ int Draft::append(int owner, std::string_view suffix, Node n) {
 }
 
 int Draft::add(int owner, std::shared_ptr<const Op> op, const std::vector<int>& inputs) {
-  std::vector<Shape> shapes;
-  for (const int j : inputs) shapes.push_back(node(j).shape);
-  const Shape shape = op->infer(shapes);
+  const Shape shape = op->infer(shapes_of(inputs));
   const std::string type(op->type());
   return append(owner, type, {NodeKind::kOp, {}, shape, std::move(op), inputs, {}});
 }

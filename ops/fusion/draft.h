@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "ops/fusion/fusion.h"
 #include "runtime/graph.h"
 
 namespace slide::ops {
@@ -16,7 +17,7 @@ namespace slide::ops {
 class Draft {
  public:
   /// A copy of the graph. Its outputs, and its taps if they are to be kept, are results.
-  Draft(const Graph& graph, bool keep_taps);
+  Draft(const Graph& graph, const FusionOptions& options);
 
   /// Number of nodes, dead ones included.
   [[nodiscard]] int size() const noexcept { return static_cast<int>(nodes_.size()); }
@@ -37,6 +38,8 @@ class Draft {
   /// Whether one node reads it, once, and it is no result.
   [[nodiscard]] bool read_once(int i) const { return !result(i) && readers(i).size() == 1; }
 
+  /// Whether node i may become op(inputs): there is a kernel for it, or none is needed.
+  [[nodiscard]] bool may_become(int i, const Op& op, const std::vector<int>& inputs) const;
   /// Node i becomes op(inputs), which must give the same shape.
   void replace(int i, std::shared_ptr<const Op> op, std::vector<int> inputs);
   /// Whoever reads node i reads `other`. Node i must be no result.
@@ -53,7 +56,9 @@ class Draft {
   int append(int owner, std::string_view suffix, Node node);
   void set_inputs(int i, std::vector<int> inputs);
   void find_constant(int i);
+  [[nodiscard]] std::vector<Shape> shapes_of(const std::vector<int>& nodes) const;
 
+  bool need_kernels_;
   std::vector<Node> nodes_;
   std::vector<std::vector<int>> readers_;
   std::vector<bool> result_, constant_;

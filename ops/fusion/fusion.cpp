@@ -6,7 +6,7 @@
 namespace slide::ops {
 
 std::unique_ptr<Graph> fuse(const Graph& graph, const FusionOptions& options) {
-  Draft draft(graph, options.keep_taps);
+  Draft draft(graph, options);
   for (int i = 0; i < draft.size(); ++i) leave_out_copy(draft, i);
   // In the order of the graph, so that each step of batch norm, residual and activation finds the one before
   // it done. Nodes that folding adds are constant and have nothing to fuse.

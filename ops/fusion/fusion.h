@@ -8,7 +8,8 @@ namespace slide::ops {
 
 /// What fuse() may be told.
 struct FusionOptions {
-  bool keep_taps = false;  ///< tensors that have a tap are results too: nothing is fused across them
+  bool keep_taps = false;    ///< tensors that have a tap are results too: nothing is fused across them
+  bool need_kernels = true;  ///< nothing is fused into what no kernel of the baseline level can run
 };
 
 /// Writes a graph anew with fewer and larger nodes, which compute the same: in exact arithmetic for every
@@ -19,7 +20,7 @@ struct FusionOptions {
 /// - behind it, where each reads the one before and nothing else does:
 ///   batch norm and affine(): into weight and bias, by nodes on constants that a plan folds in float64;
 ///   then an add() of a tensor of the same shape (of two convolutions the later one takes the other);
-///   then an activation of slope at most 1: relu, relu6, leaky_relu, elu, sigmoid, tanh, clip, affine.
+///   then an activation (ops/conv2d/conv2d_op.h, activation_slope()).
 ///   A gated convolution has nothing behind it;
 /// - before it, where only convolutions read it: relu(), zero padding, and the nearest upsampling by 2 of 3×3
 ///   convolutions that keep the size.
