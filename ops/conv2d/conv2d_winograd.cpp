@@ -328,6 +328,10 @@ void Conv2dWinogradBase::transform_channel(const Strip& strip, std::int64_t chan
       rows[u] = row >= 0 && row < g_.height ? x + row * g_.width + first_column : memory;
     }
     in.first = (line - strip.first_line) * strip.line_tiles;
+    if (channel + 1 < g_.ic)
+      for (std::int64_t u = 2; u < tile_ + 2; ++u)
+        if (rows[u] != memory)
+          for (std::int64_t j = 0; j < in.count; j += 16) __builtin_prefetch(rows[u] + g_.plane() + j);
     transforms_.input(points_, in);
   }
 }
@@ -344,16 +348,25 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   const auto* u = static_cast<const float*>(static_cast<const void*>(arrays.packed));
   for (std::int64_t f = 0; f < frequencies_; ++f)
     for (std::int64_t c = 0; c < g_.ic; c += part_depth_) {
-      const std::int64_t depth = std::min(part_depth_, g_.ic - c);
-      for (std::int64_t filter = first_filter; filter < last_filter; ++filter)
-        for (std::int64_t panel = first_panel; panel < last_panel; ++panel)
-          winograd_.multiply(u + ((f * g_.ic + c) * panels_ + filter * depth) * rows,
-                             v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns, depth,
-                             block_depth_, c > 0,
-                             memory + f * product_stride_ + (panel - first_panel) * block +
-                                 (filter - first_filter) * rows * columns,
-                             std::min(rows, g_.oc - filter * rows),
-                             std::min(columns, strip.tiles() - panel * columns));
+      WinogradProduct p{};
+      p.depth = std::min(part_depth_, g_.ic - c);
+      p.block = block_depth_;
+      p.add = c > 0;
+      p.next_b = v + f * strip.frequency_stride + first_panel * strip.panel_stride + (c + p.depth) * columns;
+      if (c + p.depth == g_.ic) p.next_b += strip.frequency_stride - strip.panel_stride;
+      for (std::int64_t filter = first_filter; filter < last_filter; ++filter) {
+        p.a = u + ((f * g_.ic + c) * panels_ + filter * p.depth) * rows;
+        p.next_a = p.a + p.depth * rows;
+        p.row_count = std::min(rows, g_.oc - filter * rows);
+        for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
+          p.b = v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns;
+          p.c = memory + f * product_stride_ + (panel - first_panel) * block +
+                (filter - first_filter) * rows * columns;
+          p.column_count = std::min(columns, strip.tiles() - panel * columns);
+          winograd_.multiply(p);
+          p.next_b += 16 * p.depth;
+        }
+      }
     }
   float* sums = memory + frequencies_ * product_stride_ + kRowAlignment;
   for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {

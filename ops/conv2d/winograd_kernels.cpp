@@ -287,9 +287,17 @@ constexpr int kVectors = 2;
 #endif
 constexpr std::int64_t kColumns = kVectors * kWidth;
 
+constexpr int kNear = 3, kFar = 2;         // of __builtin_prefetch: first-level cache, second-level cache
+constexpr std::int64_t kCacheLine = 16;    // floats
+
 template <int R, int V>
-SLIDE_INLINE void multiply_block(const float* a, const float* b, std::int64_t depth, Float (&block)[R][V]) {
-  for (std::int64_t k = 0; k < depth; ++k, a += kRows, b += kColumns) {
+SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, std::int64_t last,
+                                 Float (&block)[R][V]) {
+  for (std::int64_t k = first; k < last; ++k) {
+    const float* a = p.a + k * kRows;
+    const float* b = p.b + k * kColumns;
+    __builtin_prefetch(p.next_a + k * kRows, 0, kNear);
+    __builtin_prefetch(p.next_b + k * kCacheLine, 0, kFar);
     Float right[V];
     for (int v = 0; v < V; ++v) right[v] = simd::load(b + v * kWidth);
     for (int m = 0; m < R; ++m) {
@@ -300,38 +308,36 @@ SLIDE_INLINE void multiply_block(const float* a, const float* b, std::int64_t de
 }
 
 template <int R, int V>
-void multiply_panel(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add,
-                    float* c) {
+void multiply_panel(const WinogradProduct& p) {
   Float sums[R][V];
   for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) sums[m][v] = add ? simd::load(c + m * kColumns + v * kWidth) : simd::zero();
-  for (std::int64_t k = 0; k < depth; k += block) {
+    for (int v = 0; v < V; ++v)
+      sums[m][v] = p.add ? simd::load(p.c + m * kColumns + v * kWidth) : simd::zero();
+  for (std::int64_t k = 0; k < p.depth; k += p.block) {
     Float products[R][V];
     for (int m = 0; m < R; ++m)
       for (int v = 0; v < V; ++v) products[m][v] = simd::zero();
-    multiply_block<R, V>(a + k * kRows, b + k * kColumns, block < depth - k ? block : depth - k, products);
+    multiply_block<R, V>(p, k, k + p.block < p.depth ? k + p.block : p.depth, products);
     for (int m = 0; m < R; ++m)
       for (int v = 0; v < V; ++v) sums[m][v] = sums[m][v] + products[m][v];
   }
   for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) simd::store(c + m * kColumns + v * kWidth, sums[m][v]);
+    for (int v = 0; v < V; ++v) simd::store(p.c + m * kColumns + v * kWidth, sums[m][v]);
 }
 
 template <int R>
-void multiply_rows(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
-                   std::int64_t column_count) {
+void multiply_rows(const WinogradProduct& p) {
   if constexpr (kVectors > 2)
-    if (column_count > 2 * kWidth) return multiply_panel<R, kVectors>(a, b, depth, block, add, c);
-  if (column_count > kWidth) return multiply_panel<R, 2>(a, b, depth, block, add, c);
-  multiply_panel<R, 1>(a, b, depth, block, add, c);
+    if (p.column_count > 2 * kWidth) return multiply_panel<R, kVectors>(p);
+  if (p.column_count > kWidth) return multiply_panel<R, 2>(p);
+  multiply_panel<R, 1>(p);
 }
 
-void multiply(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
-              std::int64_t row_count, std::int64_t column_count) {
+void multiply(const WinogradProduct& p) {
   if constexpr (kRows > 4)
-    if (row_count > 4) return multiply_rows<kRows>(a, b, depth, block, add, c, column_count);
-  if (row_count > 2) return multiply_rows<4>(a, b, depth, block, add, c, column_count);
-  multiply_rows<2>(a, b, depth, block, add, c, column_count);
+    if (p.row_count > 4) return multiply_rows<kRows>(p);
+  if (p.row_count > 2) return multiply_rows<4>(p);
+  multiply_rows<2>(p);
 }
 
 }  // namespace

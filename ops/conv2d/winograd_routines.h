@@ -53,6 +53,20 @@ struct WinogradTransforms {
   void (*output)(const WinogradPoints& points, const WinogradOutput& run);
 };
 
+/// c[m, j] = sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
+/// column_count <= columns and perhaps others within the panel; plus what c was, if `add`. Blocks of `block`
+/// products are summed in order, then c and the blocks in order.
+struct WinogradProduct {
+  const float* a;
+  const float* b;
+  std::int64_t depth, block;
+  bool add;
+  float* c;  ///< rows of `columns`
+  std::int64_t row_count, column_count;
+  const float* next_a;  ///< as much as of a, wanted in the first-level cache next
+  const float* next_b;  ///< as much as depth cache lines, wanted in the second-level cache
+};
+
 /// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
 struct WinogradRoutines {
   Isa isa;
@@ -60,11 +74,7 @@ struct WinogradRoutines {
   std::int64_t rows;     ///< of a panel of the left matrix; even
   std::int64_t columns;  ///< of a panel of the right matrix
 
-  /// c[m, j] = sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
-  /// column_count <= columns and perhaps others within the panel; plus what c was, if `add`. Blocks of
-  /// `block` products are summed in order, then c and the blocks in order. c has rows of `columns`.
-  void (*multiply)(const float* a, const float* b, std::int64_t depth, std::int64_t block, bool add, float* c,
-                   std::int64_t row_count, std::int64_t column_count);
+  void (*multiply)(const WinogradProduct& product);
 
   WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
 };
