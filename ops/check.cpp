@@ -117,7 +117,7 @@ Tensor run_guarded(const Kernel& kernel, const KernelTask& task, KernelCheck& ch
   {
     const FlushDenormals flush;
     kernel.pack(*task.op, task.inputs, shapes, packed.span());
-    kernel.run(*task.op, task.inputs, output, {packed.span(), scratch.span(), std::nullopt});
+    kernel.run(*task.op, task.inputs, output, {shapes, packed.span(), scratch.span(), std::nullopt});
   }
   check.guards_intact = check.guards_intact && memory.intact() && packed.intact() && scratch.intact();
   return output.clone();

@@ -49,8 +49,7 @@ Tensor constant_value(const Node& node, int index, const std::map<int, Tensor>& 
 Tensor packed_inputs(const Graph& graph, const PlanStep& step, const std::map<int, Tensor>& constants) {
   if (step.packed_bytes == 0) return {};
   const Node& node = graph.node(step.node);
-  std::vector<Shape> shapes;
-  for (const int j : node.inputs) shapes.push_back(graph.node(j).shape);
+  const std::vector<Shape> shapes = input_shapes(graph, node);
   Tensor packed(DType::kU8, {static_cast<std::int64_t>(step.packed_bytes)});
   std::vector<Tensor> inputs(node.inputs.size());
   for (std::size_t k = 0; k < inputs.size(); ++k)
@@ -118,16 +117,15 @@ void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
     if (options.progress && !options.progress({s, total, node.name}))
       throw Error(ErrorKind::kCancelled, "cancelled before layer " + node.name);
     std::vector<Tensor> arguments;
-    std::vector<Shape> shapes;
+    const std::vector<Shape> shapes = input_shapes(graph_, node);
     Tensor& result = values_[static_cast<std::size_t>(step.node)];
     double bytes = static_cast<double>(result.bytes());
     for (const int j : node.inputs) {
       arguments.push_back(values_[static_cast<std::size_t>(j)]);
-      shapes.push_back(arguments.back().shape());
       bytes += static_cast<double>(arguments.back().bytes());
     }
     const auto start = std::chrono::steady_clock::now();
-    run_step(static_cast<std::size_t>(s), arguments, result);
+    run_step(static_cast<std::size_t>(s), arguments, shapes, result);
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     if (options.profile != nullptr)
       options.profile->push_back(
@@ -136,18 +134,16 @@ void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
   }
 }
 
-void FastExecutor::run_step(std::size_t s, std::span<const Tensor> inputs, Tensor& result) {
+void FastExecutor::run_step(std::size_t s, std::span<const Tensor> inputs, std::span<const Shape> shapes,
+                            Tensor& result) {
   const PlanStep& step = plan_.steps[s];
   const Op& op = *graph_.node(step.node).op;
   const std::span<std::byte> scratch = arena_.mutable_raw().subspan(step.scratch_offset, step.scratch_bytes);
-  if (step.packed_once) return step.kernel->run(op, inputs, result, {packed_[s].raw(), scratch, ranges_[s]});
+  if (step.packed_once)
+    return step.kernel->run(op, inputs, result, {shapes, packed_[s].raw(), scratch, ranges_[s]});
   const std::span<std::byte> packed = scratch.first(step.packed_bytes);
-  if (!packed.empty()) {
-    std::vector<Shape> shapes;
-    for (const Tensor& t : inputs) shapes.push_back(t.shape());
-    step.kernel->pack(op, inputs, shapes, packed);
-  }
-  step.kernel->run(op, inputs, result, {packed, scratch.subspan(step.packed_bytes), ranges_[s]});
+  step.kernel->pack(op, inputs, shapes, packed);
+  step.kernel->run(op, inputs, result, {shapes, packed, scratch.subspan(step.packed_bytes), ranges_[s]});
 }
 
 Tensor FastExecutor::tensor(int node) const {

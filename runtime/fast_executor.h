@@ -48,7 +48,8 @@ class FastExecutor {
 
  private:
   void fold_constants(const WeightSource& weights);
-  void run_step(std::size_t step, std::span<const Tensor> inputs, Tensor& result);
+  void run_step(std::size_t step, std::span<const Tensor> inputs, std::span<const Shape> shapes,
+                Tensor& result);
 
   const Graph& graph_;
   Plan plan_;

@@ -15,6 +15,13 @@ std::vector<int> last_uses(const Graph& graph) {
   return last;
 }
 
+std::vector<Shape> input_shapes(const Graph& graph, const Node& node) {
+  std::vector<Shape> shapes;
+  shapes.reserve(node.inputs.size());
+  for (const int j : node.inputs) shapes.push_back(graph.node(j).shape);
+  return shapes;
+}
+
 const Tensor& checked_input(const Node& node, const NamedTensors& inputs) {
   const auto it = inputs.find(node.name);
   if (it == inputs.end()) throw Error(ErrorKind::kInternal, "the input " + node.name + " was not given");

@@ -23,6 +23,7 @@ struct Range {
 
 /// What a kernel is given beside the tensors of a call.
 struct KernelCall {
+  std::span<const Shape> shapes;      ///< of the inputs; those that were packed may come as empty tensors
   std::span<const std::byte> packed;  ///< packed_bytes(), filled by pack()
   std::span<std::byte> scratch;       ///< scratch_bytes(), 64-byte aligned, uninitialised
   std::optional<Range> range;  ///< of the first input, from calibration; kernels without one measure it

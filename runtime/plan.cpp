@@ -17,13 +17,6 @@ std::size_t aligned(std::size_t bytes) {
   return (bytes + Tensor::kAlignment - 1) / Tensor::kAlignment * Tensor::kAlignment;
 }
 
-std::vector<Shape> input_shapes(const Graph& graph, const Node& node) {
-  std::vector<Shape> shapes;
-  shapes.reserve(node.inputs.size());
-  for (const int j : node.inputs) shapes.push_back(graph.node(j).shape);
-  return shapes;
-}
-
 const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision) {
   const Kernel* best = nullptr;
   const auto better = [&](const Kernel& kernel) {

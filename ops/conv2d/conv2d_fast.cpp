@@ -7,6 +7,7 @@
 #include "ops/conv2d/conv2d_gemm.h"
 #include "ops/conv2d/conv2d_grouped_gate.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/conv2d/conv2d_winograd.h"
 #include "ops/pointwise/unary_row.h"
 #include "ops/simd/dispatch.h"
 
@@ -62,15 +63,30 @@ class Conv2dKernel : public Kernel {
         (fusion.gate ? 8 : 0) + (fusion.activation ? unary_error_factor(*fusion.activation) : 0);
     return (fusion.gate || fusion.activation ? 1.01 : 1.0) * std::max(sums, functions);
   }
+  /// A method whose errors are not relative to |w| ∗ |x| + |b| has an error_scale() of its own.
+  [[nodiscard]] bool error_scale(const Op& op, std::span<const Tensor> inputs, const Tensor& output,
+                                 Tensor& scale) const override {
+    if constexpr (requires { &Method::error_scale; }) {
+      const Conv2dGeometry g = of(op).geometry(shapes_of(inputs));
+      std::vector<Tensor> own(inputs.begin(), inputs.begin() + (g.has_bias ? 3 : 2));
+      own[0] = of(op).convolved_input(inputs[0]);
+      std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
+      Method::error_scale(g, own, sums);
+      of(op).error_scale_of_sums(inputs, sums, output, scale);
+      return true;
+    } else {
+      return Kernel::error_scale(op, inputs, output, scale);
+    }
+  }
   [[nodiscard]] double macs(const Op& op, std::span<const Shape> inputs,
                             const Shape& /*output*/) const override {
     return method(op, inputs).macs();
   }
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
            const KernelCall& call) const override {
-    const float* bias = of(op).geometry(shapes_of(inputs)).has_bias ? f32(inputs[2]) : nullptr;
+    const float* bias = of(op).geometry(call.shapes).has_bias ? f32(inputs[2]) : nullptr;
     const float* residual = of(op).fusion().residual ? f32(inputs.back()) : nullptr;
-    method(op, shapes_of(inputs))
+    method(op, call.shapes)
         .run({f32(inputs[0]), call.packed.data(), bias, residual, f32(output), call.range}, call.scratch);
   }
 
@@ -97,8 +113,11 @@ std::span<const Kernel* const> Conv2dOp::kernels() const {
   static const std::vector<const Kernel*> all = [] {
     std::vector<const Kernel*> methods;
     list<Conv2dDepthwise>("conv2d.depthwise", methods);
+    list<Conv2dWinograd<4>>("conv2d.winograd4", methods);
+    list<Conv2dWinograd<2>>("conv2d.winograd2", methods);
     list<Conv2dGroupedGate>("conv2d.grouped_gate", methods);
     list<Conv2dGemm>("conv2d.gemm", methods);
+    list<Conv2dWinograd<6>>("conv2d.winograd6", methods);  // behind the one that can do anything: by name only
     return methods;
   }();
   return all;

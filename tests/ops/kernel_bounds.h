@@ -84,8 +84,10 @@ inline std::vector<float> run_guarded(const Kernel& kernel, const Call& call,
   std::memset(packed.mutable_raw().data(), 0xFF, packed_bytes);
   std::memset(packed.mutable_raw().data() + packed_bytes, 0x5A, kGuard);
   kernel.pack(*call.op, inputs, call.input_shapes(), packed.mutable_raw().first(packed_bytes));
-  kernel.run(*call.op, inputs, output,
-             {packed.raw().first(packed_bytes), scratch.mutable_raw().first(scratch_bytes), std::nullopt});
+  const std::vector<Shape> shapes = call.input_shapes();
+  kernel.run(
+      *call.op, inputs, output,
+      {shapes, packed.raw().first(packed_bytes), scratch.mutable_raw().first(scratch_bytes), std::nullopt});
   for (std::size_t i = 0; i < kGuard; ++i) {
     REQUIRE(memory[i] == kGuardWord);
     REQUIRE(memory[kGuard + count + i] == kGuardWord);
