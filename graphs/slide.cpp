@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "graphs/stages.h"
+#include "ops/fusion/fusion.h"
 #include "ops/normalise/normalise.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
@@ -55,14 +56,16 @@ class Stage {
 
   /// Memory and arithmetic, without running. The stage is used up.
   [[nodiscard]] PlannedStage plan() && {
+    graph_ = ops::fuse(*graph_);
     Plan plan = make_plan(*graph_, options_.isa);
     count(plan);
     return {report_, std::move(graph_), std::move(plan)};
   }
 
-  /// Runs the graph; `first` and `part` say which part of the stage's way this run is.
+  /// Fuses and runs the graph; `first` and `part` say which part of the stage's way this run is.
   void run(const WeightSource& weights, const NamedTensors& inputs, double first = 0, double part = 1) {
     const auto start = std::chrono::steady_clock::now();
+    graph_ = ops::fuse(*graph_);
     executor_.emplace(*graph_, weights,
                       FastOptions{.isa = options_.isa, .memory_limit = options_.memory_limit});
     count(executor_->plan());

@@ -109,8 +109,8 @@ struct SlideLayers {
 
 /// A stage that is planned and not run.
 struct PlannedStage {
-  StageReport report;  ///< no seconds
-  std::unique_ptr<Graph> graph;
+  StageReport report;            ///< no seconds
+  std::unique_ptr<Graph> graph;  ///< fused
   Plan plan;
 };
 

@@ -2,37 +2,84 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <string>
+#include <vector>
 
 #include "examples/slide_run/report.h"
+#include "runtime/text_table.h"
 
 namespace slide::run {
 namespace {
 
-void print_step(const Graph& graph, const PlanStep& step) {
+std::string fixed(double value, int digits) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.*f", digits, value);
+  return text;
+}
+
+std::string mebibytes(std::size_t bytes) { return fixed(static_cast<double>(bytes) / 1048576, 1) + " MiB"; }
+
+/// Multiply-accumulates of a step: those its kernel does and those of the definition.
+struct Macs {
+  double done = 0, nominal = 0;
+};
+
+Macs macs_of(const Graph& graph, const PlanStep& step) {
   const Node& node = graph.node(step.node);
   std::vector<Shape> shapes;
   for (const int j : node.inputs) shapes.push_back(graph.node(j).shape);
-  const std::string kernel =
-      std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa()));
-  std::printf("  %-52s %-28s %-16s %10.3f M %12zu\n", node.name.c_str(), kernel.c_str(),
-              node.shape.text().c_str(), 1e-6 * node.op->macs(shapes, node.shape), step.offset);
+  return {step.kernel->macs(*node.op, shapes, node.shape), node.op->macs(shapes, node.shape)};
+}
+
+/// The operator with its attributes, among them what was fused into it.
+std::string operator_of(const Node& node) {
+  const std::string attributes = node.op->attributes();
+  return std::string(node.op->type()) + (attributes.empty() ? "" : " ") + attributes;
+}
+
+std::string table_of(const graphs::PlannedStage& stage) {
+  using enum TextTable::Align;
+  TextTable table(
+      {"node", "operator", "kernel", "shape", "MMAC done", "nominal", "offset", "bytes", "scratch"},
+      {kLeft, kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight});
+  for (const PlanStep& step : stage.plan.steps) {
+    const Node& node = stage.graph->node(step.node);
+    const Macs macs = macs_of(*stage.graph, step);
+    const auto bytes = static_cast<std::size_t>(node.shape.count()) * sizeof(float);
+    table.row({node.name, operator_of(node),
+               std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa())),
+               node.shape.text(), fixed(1e-6 * macs.done, 3), fixed(1e-6 * macs.nominal, 3),
+               std::to_string(step.offset), std::to_string(bytes), std::to_string(step.scratch_bytes)});
+  }
+  return table.text();
+}
+
+std::string summary_of(const graphs::PlannedStage& stage) {
+  Macs macs;
+  for (const PlanStep& step : stage.plan.steps) {
+    const Macs m = macs_of(*stage.graph, step);
+    macs.done += m.done;
+    macs.nominal += m.nominal;
+  }
+  const Plan& plan = stage.plan;
+  return stage.report.name + ": " + std::to_string(plan.steps.size()) + " nodes, " +
+         fixed(2e-9 * macs.done, 2) + " GFLOP done, " + fixed(2e-9 * macs.nominal, 2) + " nominal; " +
+         mebibytes(plan.memory_bytes()) + " at its peak: " + mebibytes(plan.arena_bytes) +
+         " of results and scratch memory (no placement could need less than " +
+         mebibytes(plan.arena_lower_bound) + "), " + mebibytes(plan.weight_bytes) + " of weights\n";
 }
 
 }  // namespace
 
 void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
                 const graphs::SlideOptions& options) {
+  std::size_t peak = 0;
   for (const graphs::PlannedStage& stage : graphs::plan_layers(height, width, models, known, options)) {
-    std::printf(
-        "%s: %zu nodes, %.2f GFLOP, %.1f MiB of results (no placement could need less than %.1f), %.1f MiB "
-        "of weights\n",
-        stage.report.name.c_str(), stage.plan.steps.size(), stage.report.gflop,
-        static_cast<double>(stage.plan.arena_bytes) / 1048576,
-        static_cast<double>(stage.plan.arena_lower_bound) / 1048576,
-        static_cast<double>(stage.plan.weight_bytes) / 1048576);
-    std::printf("  %-52s %-28s %-16s %12s %12s\n", "node", "kernel", "shape", "MAC", "offset");
-    for (const PlanStep& step : stage.plan.steps) print_step(*stage.graph, step);
+    std::printf("%s%s\n", summary_of(stage).c_str(), table_of(stage).c_str());
+    peak = std::max(peak, stage.plan.memory_bytes());
   }
+  std::printf("one stage after the other: %s at the peak, beside the photo and the layers\n",
+              mebibytes(peak).c_str());
 }
 
 std::size_t resident_at_start() {

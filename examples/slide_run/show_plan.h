@@ -6,7 +6,9 @@
 
 namespace slide::run {
 
-/// Prints, for every stage, each node with its kernel, its multiply-accumulates and its place in the arena.
+/// Prints, for every stage, each node of the fused graph with its operator, kernel and shape, its
+/// multiply-accumulates done and nominal (millions) and its place in the arena in bytes, all tensors being
+/// planar (NCHW); then the memory of the largest stage.
 void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
                 const graphs::SlideOptions& options);
 
