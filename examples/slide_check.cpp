@@ -32,6 +32,7 @@ struct Arguments {
   std::vector<std::string> cases;
   std::string model, weights, golden, image, dump;
   bool formula_weights = false;
+  bool fused = false;
   std::int64_t size = 0;
   int rows = 0;
 };
@@ -63,7 +64,7 @@ int check_network(const Arguments& a) {
   else
     weights = std::make_unique<SafetensorsWeights>(a.weights);
   const graphs::GoldenCheck check =
-      graphs::check_golden(golden, *weights, {.dump_folder = a.dump, .source = a.model});
+      graphs::check_golden(golden, *weights, {.dump_folder = a.dump, .source = a.model, .fused = a.fused});
   std::cout << (a.json ? graphs::json_of(check) : graphs::table_of(check));
   return check.passed() ? 0 : 1;
 }
@@ -77,8 +78,8 @@ int compare_network(const Arguments& a) {
     weights = std::make_unique<SafetensorsWeights>(a.weights);
   const graphs::PhotoRun run =
       graphs::photo_run(a.model, tensor_from_image(read_photo(a.image).colour), *weights, a.size);
-  const graphs::Comparison comparison =
-      graphs::compare(*run.graph, *weights, run.inputs, {.dump_folder = a.dump, .source = a.model});
+  const graphs::Comparison comparison = graphs::compare(
+      *run.graph, *weights, run.inputs, {.dump_folder = a.dump, .source = a.model, .fused = a.fused});
   std::cout << (a.json ? graphs::json_of(a.model, comparison) : graphs::table_of(comparison, a.rows));
   return comparison.passed() ? 0 : 1;
 }
@@ -99,6 +100,7 @@ void add_model(CLI::App& command, Arguments& a) {
   weights->add_flag("--formula-weights", a.formula_weights,
                     "weights that are a formula: the golden file's own, or made-up ones");
   weights->require_option(1);
+  command.add_flag("--fused", a.fused, "compare the outputs of the fused plan, that of real runs, too");
   command.add_option("--dump", a.dump,
                      "write every node's inputs and expected output as operator cases here");
 }

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "ops/case_of.h"
+#include "ops/fusion/fusion.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/lifetime.h"
@@ -86,6 +87,19 @@ ops::KernelCheck check_local(const Node& node, int index, const Kernel& kernel,
   return check;
 }
 
+/// The fused graph's outputs against those of the reference, by node of the graph as it was built.
+std::vector<OutputComparison> compare_fused(const Graph& graph, const WeightSource& weights,
+                                            const NamedTensors& inputs, Isa isa,
+                                            const std::map<int, Tensor>& outputs) {
+  const std::unique_ptr<Graph> fused = ops::fuse(graph);
+  FastExecutor fast(*fused, weights, {.isa = isa});
+  fast.run(inputs);
+  std::vector<OutputComparison> result;
+  for (const auto& [name, node] : graph.outputs())
+    result.push_back({name, tensor_error(fast.tensor(name), outputs.at(node))});
+  return result;
+}
+
 }  // namespace
 
 TensorError tensor_error(const Tensor& a, const Tensor& b) {
@@ -122,6 +136,8 @@ Comparison compare(const Graph& graph, const WeightSource& weights, const NamedT
   Comparison result;
   result.isa = options.isa;
   Walk walk(graph, weights, inputs);
+  std::map<int, Tensor> outputs;
+  for (const auto& output : graph.outputs()) outputs[output.second];
   const int total = static_cast<int>(graph.nodes().size());
   for (int i = 0; i < total; ++i) {
     const Node& node = graph.node(i);
@@ -130,6 +146,7 @@ Comparison compare(const Graph& graph, const WeightSource& weights, const NamedT
       throw Error(ErrorKind::kCancelled, "cancelled before layer " + node.name);
     const std::vector<Tensor> arguments = walk.arguments(node);
     const Tensor reference = walk.compute(i, arguments);
+    if (const auto output = outputs.find(i); output != outputs.end()) output->second = reference;
     if (node.kind == NodeKind::kOp) {
       const auto kernel = kernels.find(i);
       const Tensor fast_tensor = kernel == kernels.end() ? Tensor() : fast.tensor(i);
@@ -143,6 +160,7 @@ Comparison compare(const Graph& graph, const WeightSource& weights, const NamedT
     }
     walk.drop_after(i);
   }
+  if (options.fused) result.fused = compare_fused(graph, weights, inputs, options.isa, outputs);
   return result;
 }
 

@@ -34,6 +34,13 @@ struct NodeComparison {
   ops::KernelCheck local;
 };
 
+/// One output of the plan that real runs use, of the fused graph, against the float64 reference of the graph
+/// as it was built.
+struct OutputComparison {
+  std::string name;
+  TensorError error;
+};
+
 /// What compare() may be told.
 struct CompareOptions {
   Isa isa = active_isa();
@@ -42,6 +49,8 @@ struct CompareOptions {
   std::string dump_folder{};
   /// What the cases say about their source, beside the node's name.
   std::string source{};
+  /// Run the fused graph too (ops/fusion/fusion.h) and compare its outputs.
+  bool fused = false;
   /// Called before each node; returning false ends with Error(kCancelled).
   ProgressCallback progress{};
   /// Called with every computed node's tensors: float64 reference, and fast, which is empty where the plan
@@ -53,7 +62,8 @@ struct CompareOptions {
 struct Comparison {
   Isa isa = Isa::kBaseline;
   std::vector<NodeComparison> nodes;
-  int dumped = 0;  ///< case files written
+  std::vector<OutputComparison> fused;  ///< the graph's outputs, if asked for
+  int dumped = 0;                       ///< case files written
   /// Every node's kernel is within its stated bound. Since a node's error then is a stated multiple of the
   /// roundoff, what is added up at the outputs is the network's own conditioning, and is reported without a
   /// bound.
@@ -61,8 +71,8 @@ struct Comparison {
 };
 
 /// Runs the graph with the fast executor and, node by node, in float64 (and each kernel once more on the
-/// reference's inputs). Float64 tensors are dropped after their last use; the fast executor keeps all of its
-/// own. Throws what both executors throw.
+/// reference's inputs); if asked for, the fused graph beside it. Float64 tensors are dropped after their last
+/// use; the fast executor keeps all of its own. Throws what both executors throw.
 [[nodiscard]] Comparison compare(const Graph& graph, const WeightSource& weights, const NamedTensors& inputs,
                                  const CompareOptions& options = {});
 

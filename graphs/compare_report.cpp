@@ -45,6 +45,16 @@ std::string summary_of(const Comparison& comparison) {
   return text + "\n";
 }
 
+/// The outputs of the fused plan; empty if it was not asked for.
+std::string fused_of(const Comparison& comparison) {
+  if (comparison.fused.empty()) return "";
+  using enum TextTable::Align;
+  TextTable table({"fused plan vs float64", "max error", "rms error"}, {kLeft, kRight, kRight});
+  for (const OutputComparison& o : comparison.fused)
+    table.row({"output " + o.name, ops::scientific(o.error.max), ops::scientific(o.error.rms)});
+  return "\n" + table.text();
+}
+
 /// The first `rows` and those behind them that failed.
 Nodes shortened(const Nodes& nodes, int rows) {
   Nodes result;
@@ -73,6 +83,13 @@ Json json_of_nodes(const Comparison& comparison) {
   return nodes;
 }
 
+Json json_of_fused(const Comparison& comparison) {
+  Json outputs = Json::array();
+  for (const OutputComparison& o : comparison.fused)
+    outputs.push_back({{"output", o.name}, {"max_error", o.error.max}, {"rms_error", o.error.rms}});
+  return outputs;
+}
+
 std::string text_of(const Json& json) {
   return json.dump(2, ' ', false, Json::error_handler_t::replace) + "\n";
 }
@@ -84,7 +101,7 @@ std::string table_of(const Comparison& comparison, int rows) {
   std::stable_sort(nodes.begin(), nodes.end(), [](const NodeComparison* a, const NodeComparison* b) {
     return a->accumulated.max > b->accumulated.max;
   });
-  return rows_of(shortened(nodes, rows)) + summary_of(comparison);
+  return rows_of(shortened(nodes, rows)) + summary_of(comparison) + fused_of(comparison);
 }
 
 std::string table_of(const GoldenCheck& check) {
@@ -100,7 +117,7 @@ std::string table_of(const GoldenCheck& check) {
     return a->local.of_bound > b->local.of_bound;
   });
   return table.text() + "\nnearest to their bounds:\n" + rows_of(shortened(nodes, kNearest)) +
-         summary_of(check.comparison);
+         summary_of(check.comparison) + fused_of(check.comparison);
 }
 
 std::string json_of(const std::string& model, const Comparison& comparison) {
@@ -108,7 +125,8 @@ std::string json_of(const std::string& model, const Comparison& comparison) {
                   {"isa", name_of(comparison.isa)},
                   {"passed", comparison.passed()},
                   {"dumped", comparison.dumped},
-                  {"nodes", json_of_nodes(comparison)}});
+                  {"nodes", json_of_nodes(comparison)},
+                  {"fused", json_of_fused(comparison)}});
 }
 
 std::string json_of(const GoldenCheck& check) {
@@ -127,7 +145,8 @@ std::string json_of(const GoldenCheck& check) {
                   {"isa", name_of(check.comparison.isa)},
                   {"passed", check.passed()},
                   {"tensors", tensors},
-                  {"nodes", json_of_nodes(check.comparison)}});
+                  {"nodes", json_of_nodes(check.comparison)},
+                  {"fused", json_of_fused(check.comparison)}});
 }
 
 }  // namespace slide::graphs

@@ -82,13 +82,17 @@ TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
 
 TEST_CASE("slide_check net compares a golden run") {
   const ProgramResult result =
-      slide_check({"net", "inpaint_coarse", "--formula-weights", "--golden", kGolden, "--json"});
+      slide_check({"net", "inpaint_coarse", "--formula-weights", "--golden", kGolden, "--fused", "--json"});
   CHECK(result.code == 0);
   const nlohmann::json json = nlohmann::json::parse(result.output);
   CHECK(json["passed"] == true);
   CHECK(json["model"] == "inpaint_coarse");
   for (const auto& tensor : json["tensors"]) CHECK(tensor["float64_vs_golden"] <= tensor["tolerance"]);
   for (const auto& node : json["nodes"]) CHECK(node["of_bound"] <= 1);
+  REQUIRE(json["fused"].size() == 1);
+  CHECK(json["fused"][0]["output"] == "0");
+  CHECK(json["fused"][0]["max_error"] > 0);
+  CHECK(json["fused"][0]["max_error"] < 1e-4);  // as in golden_test.cpp
 }
 
 TEST_CASE(

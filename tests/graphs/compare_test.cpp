@@ -136,6 +136,36 @@ TEST_CASE("a kernel over its bound fails at its own node only; those after it sh
   CHECK(json["nodes"][2]["max_error"].get<double>() == node_named(c, "relu_2").accumulated.max);
 }
 
+TEST_CASE("on request the outputs of the fused plan are compared with the graph as it was built") {
+  Graph g;
+  build(g);
+  CHECK(graphs::compare(g, weights(), inputs()).fused.empty());
+  graphs::CompareOptions options;
+  options.fused = true;
+  const graphs::Comparison c = graphs::compare(g, weights(), inputs(), options);
+  CHECK(c.nodes.size() == 4);  // convolution and ReLU as nodes of their own
+  REQUIRE(c.fused.size() == 1);
+  CHECK(c.fused[0].name == "y");
+  CHECK(c.fused[0].error.max > 0);  // x is no float32
+  CHECK(c.fused[0].error.max < 1e-6);
+  CHECK(graphs::table_of(c).find("fused plan vs float64") != std::string::npos);
+  const nlohmann::json json = nlohmann::json::parse(graphs::json_of("toy", c));
+  REQUIRE(json["fused"].size() == 1);
+  CHECK(json["fused"][0]["output"] == "y");
+  CHECK(json["fused"][0]["rms_error"].get<double>() == c.fused[0].error.rms);
+}
+
+TEST_CASE("a kernel that is off shows in the outputs of the fused plan") {
+  Graph g;
+  const Value x = g.input("x", {1, 2, 6, 7});
+  g.output("y", ops::relu(g.add(std::make_shared<OffOp>(), {x})));
+  graphs::CompareOptions options;
+  options.fused = true;
+  const graphs::Comparison c = graphs::compare(g, WeightMap(), inputs(), options);
+  REQUIRE(c.fused.size() == 1);
+  CHECK(c.fused[0].error.max == doctest::Approx(0x1p-20).epsilon(0.1));
+}
+
 TEST_CASE("dumped nodes are operator cases that pass the check") {
   const TemporaryFolder folder;
   Graph g;
