@@ -42,6 +42,11 @@ constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed in
 constexpr std::int64_t kNearBytes =
     24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
+// Where it is worth it, as measured against direct convolution. Large tiles have more weights to read, which
+// few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase, multiply in
+// vain.
+constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
+constexpr double kMostProducts = 0.6;
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
 constexpr std::int64_t kSkew = 16;
@@ -161,14 +166,20 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
   product_stride_ = task_columns_ * task_panels_ * winograd_.rows * winograd_.columns + kSkew;
 }
 
-bool Conv2dWinogradBase::possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.groups == 1 &&
-         g.batch * g.oplane() > 0 && !fusion.upsample_input;
+bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
+                        g.groups == 1 && !fusion.upsample_input;
+  if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
+  const std::int64_t tiles =
+      g.batch * tile_count(g.oheight, tile, g.dilation_y) * tile_count(g.owidth, tile, g.dilation_x);
+  const double products = static_cast<double>(tiles * (tile + 2) * (tile + 2));
+  return tiles >= (tile == 2 ? kMinTiles2 : kMinTiles) &&
+         products <= kMostProducts * static_cast<double>(9 * g.batch * g.oplane());
 }
 
 template <int Tile>
 bool Conv2dWinograd<Tile>::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.ic >= 16 && g.oc >= 16;
+  return pays(Tile, g, fusion);
 }
 template class Conv2dWinograd<2>;
 template class Conv2dWinograd<4>;

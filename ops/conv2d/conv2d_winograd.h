@@ -9,6 +9,7 @@
 #include "ops/conv2d/conv2d_routines.h"
 #include "ops/conv2d/winograd_matrices.h"
 #include "ops/conv2d/winograd_routines.h"
+#include "runtime/precision.h"
 
 namespace slide::ops {
 
@@ -30,6 +31,8 @@ namespace slide::ops {
 /// worse than from a direct convolution, and an infinite or NaN input spoils its tile.
 class Conv2dWinogradBase {
  public:
+  static constexpr Precision kPrecision = Precision::kFp32;
+
   [[nodiscard]] std::size_t packed_bytes() const noexcept;
   void pack(const float* weight, std::byte* packed) const;
   [[nodiscard]] std::size_t scratch_bytes() const noexcept;
@@ -41,8 +44,9 @@ class Conv2dWinogradBase {
  protected:
   Conv2dWinogradBase(int tile, const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                      const Conv2dFusion& fusion);
-  /// Whether it can.
-  [[nodiscard]] static bool possible(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  /// Whether it can, and is worth it: enough channels and tiles.
+  [[nodiscard]] static bool pays(int tile, const Conv2dGeometry& geometry,
+                                 const Conv2dFusion& fusion) noexcept;
   static void error_scale(int tile, const Conv2dGeometry& g, std::span<const Tensor> inputs,
                           std::span<double> scale);
 
@@ -96,7 +100,7 @@ class Conv2dWinograd : public Conv2dWinogradBase {
                  const Conv2dFusion& fusion = {})
       : Conv2dWinogradBase(Tile, routines, geometry, fusion) {}
 
-  /// Whether it can, and is worth it: enough channels and tiles.
+  /// 3x3, stride 1, one group, no upsampled input, and channels and tiles enough to be worth it.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 
   /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.
