@@ -17,6 +17,7 @@ namespace slide::ops {
 /// Error: the bias and the products are summed in order, kh·kw roundings.
 class Conv2dDepthwise {
  public:
+  static constexpr Precision kPrecision = Precision::kFp32;
   Conv2dDepthwise(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                   const Conv2dFusion& fusion = {});
 

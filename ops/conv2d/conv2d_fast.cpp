@@ -1,9 +1,11 @@
 #include <algorithm>
+#include <array>
 #include <vector>
 
 #include "ops/common/elements.h"
 #include "ops/common/level_kernel.h"
 #include "ops/conv2d/conv2d_depthwise.h"
+#include "ops/conv2d/conv2d_direct.h"
 #include "ops/conv2d/conv2d_gemm.h"
 #include "ops/conv2d/conv2d_grouped_gate.h"
 #include "ops/conv2d/conv2d_op.h"
@@ -29,6 +31,10 @@ std::span<const Conv2dRoutines* const> conv2d_routines() {
 
 namespace {
 
+/// Unit roundoffs by Precision: half a unit in the last of 24 and of 8 significant bits. Errors of integers
+/// are measured against their own scale.
+constexpr std::array kUnits = {0x1p-24, 0x1p-8, 1.0};
+
 /// A method of conv2d_method.h with the routines of one level.
 template <typename Method>
 class Conv2dKernel : public Kernel {
@@ -37,6 +43,7 @@ class Conv2dKernel : public Kernel {
 
   [[nodiscard]] std::string_view name() const override { return name_; }
   [[nodiscard]] Isa isa() const override { return routines_.isa; }
+  [[nodiscard]] Precision precision() const override { return Method::kPrecision; }
   [[nodiscard]] bool supports(const Op& op, std::span<const Shape> inputs,
                               const Shape& /*output*/) const override {
     return Method::fits(of(op).geometry(inputs), of(op).fusion());
@@ -58,7 +65,9 @@ class Conv2dKernel : public Kernel {
   /// sigmoid (2.5 ULP, 5u) and their product (u), or the activation.
   [[nodiscard]] double error_factor(const Op& op, std::span<const Shape> inputs) const override {
     const Conv2dFusion& fusion = of(op).fusion();
-    const double sums = method(op, inputs).error_factor() + (fusion.residual ? 1 : 0);
+    const double sums = method(op, inputs).error_factor() +
+                        (fusion.residual && Method::kPrecision == Precision::kFp32 ? 1 : 0);
+    if (Method::kPrecision == Precision::kInt8) return 1.01 * sums;
     const double functions =
         (fusion.gate ? 8 : 0) + (fusion.activation ? unary_error_factor(*fusion.activation) : 0);
     return (fusion.gate || fusion.activation ? 1.01 : 1.0) * std::max(sums, functions);
@@ -68,15 +77,19 @@ class Conv2dKernel : public Kernel {
                                  Tensor& scale) const override {
     if constexpr (requires { &Method::error_scale; }) {
       const Conv2dGeometry g = of(op).geometry(shapes_of(inputs));
-      std::vector<Tensor> own(inputs.begin(), inputs.begin() + (g.has_bias ? 3 : 2));
-      own[0] = of(op).convolved_input(inputs[0]);
       std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
-      Method::error_scale(g, own, sums);
-      of(op).error_scale_of_sums(inputs, sums, output, scale);
+      Method::error_scale(g, of(op).convolution_inputs(inputs), sums);
+      if (Method::kPrecision == Precision::kInt8)
+        of(op).error_scale_of_sums(inputs, sums, output, scale, 0x1p-20, 1);
+      else
+        of(op).error_scale_of_sums(inputs, sums, output, scale);
       return true;
     } else {
       return Kernel::error_scale(op, inputs, output, scale);
     }
+  }
+  [[nodiscard]] double unit_roundoff() const override {
+    return kUnits[static_cast<std::size_t>(Method::kPrecision)];
   }
   [[nodiscard]] double macs(const Op& op, std::span<const Shape> inputs,
                             const Shape& /*output*/) const override {
@@ -116,8 +129,12 @@ std::span<const Kernel* const> Conv2dOp::kernels() const {
     list<Conv2dWinograd<4>>("conv2d.winograd4", methods);
     list<Conv2dWinograd<2>>("conv2d.winograd2", methods);
     list<Conv2dGroupedGate>("conv2d.grouped_gate", methods);
+    list<Conv2dDirect>("conv2d.direct", methods);
     list<Conv2dGemm>("conv2d.gemm", methods);
-    list<Conv2dWinograd<6>>("conv2d.winograd6", methods);  // behind the one that can do anything: by name only
+    list<Conv2dDirectBf16>("conv2d.direct_bf16", methods);
+    list<Conv2dDirectInt8>("conv2d.direct_int8", methods);
+    list<Conv2dWinograd<6>>("conv2d.winograd6",
+                            methods);  // behind the one that can do anything: by name only
     return methods;
   }();
   return all;

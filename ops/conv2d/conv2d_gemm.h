@@ -20,6 +20,7 @@ namespace slide::ops {
 /// bound, not an expectation: it holds for all-equal and for cancelling terms alike.
 class Conv2dGemm {
  public:
+  static constexpr Precision kPrecision = Precision::kFp32;
   Conv2dGemm(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion = {});
 
   /// Any convolution but of an upsampled input and with gates in several groups.

@@ -8,6 +8,7 @@ namespace slide::ops {
 /// first, then the gate.
 class Conv2dGroupedGate {
  public:
+  static constexpr Precision kPrecision = Precision::kFp32;
   Conv2dGroupedGate(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                     const Conv2dFusion& fusion);
 

@@ -4,26 +4,11 @@
 // × columns) stays in the first-level cache, a streams.
 
 #include "ops/conv2d/conv2d_routines.h"
+#include "ops/conv2d/word_kernels.h"
 #include "ops/simd/math.h"
 
 namespace slide::ops::SLIDE_ISA {
 namespace {
-
-using simd::Float;
-constexpr std::int64_t kWidth = simd::kWidth;
-
-// Accumulators, the vectors of b and a broadcast fit into the registers: 32 (AVX-512, AArch64) or 16.
-#if defined(__AVX512F__) || defined(__aarch64__)
-constexpr int kRows = 8;
-constexpr int kVectors = 3;
-#elif defined(__FMA__)
-constexpr int kRows = 6;
-constexpr int kVectors = 2;
-#else
-constexpr int kRows = 4;
-constexpr int kVectors = 2;
-#endif
-constexpr std::int64_t kColumns = kVectors * kWidth;
 
 template <int R, int V>
 SLIDE_INLINE void multiply_panel(const float* a, const float* b, std::int64_t depth, float* c) {
@@ -168,7 +153,8 @@ const Conv2dRoutines conv2d_routines {
 #else
       false,
 #endif
-      kRows, kColumns, multiply, pack_columns, gate, depthwise_row
+      kRows, kColumns, multiply, pack_columns, {multiply_at<Fp32>, multiply_at<Bf16>, multiply_at<Int8>},
+      {fill_row<Fp32>, fill_row<Bf16>, fill_row<Int8>}, range, dequantise, gate, depthwise_row
 };
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -34,6 +34,7 @@ struct Conv2dArrays {
 };
 
 // A method of convolution is a class M with
+//   static constexpr Precision kPrecision
 //   M(const Conv2dRoutines&, const Conv2dGeometry&, const Conv2dFusion&)
 //   static bool fits(const Conv2dGeometry&, const Conv2dFusion&)     it can, and is worth it
 //   std::size_t packed_bytes() const; void pack(const float* weight, std::byte* packed) const

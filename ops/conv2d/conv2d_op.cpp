@@ -40,14 +40,6 @@ Tensor upsampled(const Tensor& x) {
   return y;
 }
 
-/// x, weight and bias of a call, x as it is convolved.
-std::vector<Tensor> convolution_inputs(const Conv2dOp& op, std::span<const Tensor> inputs) {
-  std::vector<Tensor> result(inputs.begin(),
-                             inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
-  result[0] = op.convolved_input(inputs[0]);
-  return result;
-}
-
 }  // namespace
 
 std::string text_of(const Conv2dFusion& fusion) {
@@ -124,17 +116,19 @@ double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const 
          static_cast<double>(geometry(inputs).depth());
 }
 
-Tensor Conv2dOp::convolved_input(const Tensor& x) const {
-  if (!fusion_.upsample_input && !fusion_.relu_input) return x;
-  Tensor y = fusion_.upsample_input ? upsampled(x) : x.clone();
-  if (fusion_.relu_input)
-    for (double& v : y.mutable_data<double>()) v = v < 0 ? 0 : v;
-  return y;
+std::vector<Tensor> Conv2dOp::convolution_inputs(std::span<const Tensor> inputs) const {
+  std::vector<Tensor> own(inputs.begin(), inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
+  if (fusion_.upsample_input) own[0] = upsampled(own[0]);
+  if (fusion_.relu_input) {
+    own[0] = own[0].clone();
+    for (double& v : own[0].mutable_data<double>()) v = v < 0 ? 0 : v;
+  }
+  return own;
 }
 
 void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   const Conv2dGeometry g = geometry(shapes_of(inputs));
-  const std::vector<Tensor> own = convolution_inputs(*this, inputs);
+  const std::vector<Tensor> own = convolution_inputs(inputs);
   const std::span<double> y = output.mutable_data<double>();
   if (fusion_.gate) {
     std::vector<double> conv(static_cast<std::size_t>(g.output().count()));
@@ -154,32 +148,33 @@ void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
 void Conv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   const Conv2dGeometry g = geometry(shapes_of(inputs));
   std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
-  conv2d_error_scale(g, convolution_inputs(*this, inputs), sums);
+  conv2d_error_scale(g, convolution_inputs(inputs), sums);
   error_scale_of_sums(inputs, sums, output, scale);
 }
 
 void Conv2dOp::error_scale_of_sums(std::span<const Tensor> inputs, std::span<const double> sums,
-                                   const Tensor& output, Tensor& scale) const {
+                                   const Tensor& output, Tensor& scale, double rounding,
+                                   double largest) const {
   const std::span<const double> y = output.data<double>();
   const std::span<double> s = scale.mutable_data<double>();
   if (fusion_.gate) {
     const Conv2dGeometry g = geometry(shapes_of(inputs));
     std::vector<double> conv(sums.size());
-    conv2d_reference(g, convolution_inputs(*this, inputs), conv);
+    conv2d_reference(g, convolution_inputs(inputs), conv);
     for_each_gate(g, [&](std::size_t feature, std::size_t gate, std::size_t i) {
-      const double open = std::exp(std::min(0.0, log_sigmoid(conv[gate]) + sums[gate] / 64));
+      const double open = std::exp(std::min(0.0, log_sigmoid(conv[gate]) + largest * sums[gate]));
       const double feature_size = std::fabs(elu(conv[feature]));
-      s[i] = sums[feature] * open + feature_size * sums[gate] * std::min(0.25, open) + std::fabs(y[i]) +
-             0x1p-102 * (1 + feature_size);
+      s[i] = sums[feature] * open + feature_size * sums[gate] * std::min(0.25, open) +
+             rounding * std::fabs(y[i]) + 0x1p-102 * (1 + feature_size);
     });
   } else {
     std::copy(sums.begin(), sums.end(), s.begin());
   }
   if (fusion_.residual)
-    for (std::size_t i = 0; i < s.size(); ++i) s[i] += std::fabs(inputs[3].data<double>()[i]);
+    for (std::size_t i = 0; i < s.size(); ++i) s[i] += rounding * std::fabs(inputs[3].data<double>()[i]);
   if (fusion_.activation)
     for (std::size_t i = 0; i < s.size(); ++i)
-      s[i] = s[i] * activation_slope(*fusion_.activation).value_or(1.0) + std::fabs(y[i]);
+      s[i] = s[i] * activation_slope(*fusion_.activation).value_or(1.0) + rounding * std::fabs(y[i]);
 }
 
 }  // namespace slide::ops

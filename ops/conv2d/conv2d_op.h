@@ -32,9 +32,11 @@ class Conv2dOp : public Op {
   /// sigmoid at both ends and the scale holds for large errors too. |y| stands for the roundings of the
   /// functions and products, the last term for a sigmoid and a product flushed to zero.
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
-  /// As error_scale(), from another bound `sums` on the convolution's sums (elements of geometry().output()).
+  /// As error_scale(), from another scale `sums` of the convolution's sums (elements of geometry().output()),
+  /// of which errors are at most the part `largest`. The functions' roundings and the residual count
+  /// `rounding` times their size.
   void error_scale_of_sums(std::span<const Tensor> inputs, std::span<const double> sums, const Tensor& output,
-                           Tensor& scale) const;
+                           Tensor& scale, double rounding = 1, double largest = 1.0 / 64) const;
   [[nodiscard]] double macs(std::span<const Shape> inputs, const Shape& output) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
@@ -42,8 +44,8 @@ class Conv2dOp : public Op {
   [[nodiscard]] const Conv2dFusion& fusion() const noexcept { return fusion_; }
   /// Of the convolution: upsampled input, output before the gate.
   [[nodiscard]] Conv2dGeometry geometry(std::span<const Shape> inputs) const;
-  /// x as the convolution sees it, F64: upsampled, below zero cut off.
-  [[nodiscard]] Tensor convolved_input(const Tensor& x) const;
+  /// x as the convolution sees it (upsampled, below zero cut off), weight and perhaps bias, F64.
+  [[nodiscard]] std::vector<Tensor> convolution_inputs(std::span<const Tensor> inputs) const;
 
  private:
   Conv2dParams params_;

@@ -28,6 +28,13 @@ struct DepthwiseRow {
   float bias;
 };
 
+/// Rows of up to four channels that become one row of words.
+struct WordRow {
+  const float* x[4];  ///< as many as the precision packs; null: zeros
+  float zero, inverse_step;
+  bool relu;  ///< numbers below zero count as zero
+};
+
 /// The inner loops of the convolutions, compiled once per instruction-set level.
 struct Conv2dRoutines {
   Isa isa;
@@ -45,6 +52,23 @@ struct Conv2dRoutines {
   /// as rows of `columns` floats with zeros at the end.
   void (*pack_columns)(const ColumnSource& source, std::int64_t first, std::int64_t count,
                        std::int64_t first_k, std::int64_t last_k, float* b);
+
+  // By Precision, words as conv2d_direct.h has them.
+
+  /// multiply() with rows of b that lie anywhere: row k at b + offsets[k]. Sums of integers are int32 in the
+  /// words of c.
+  void (*multiply_at[3])(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
+                         float* c, std::int64_t row_count, std::int64_t column_count);
+
+  /// y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j < count.
+  void (*fill_row[3])(const WordRow& x, std::int64_t width, std::int64_t start, std::int64_t stride,
+                      float outside, float* y, std::int64_t count);
+
+  /// The least and the largest of x[0...count), and 0.
+  void (*range)(const float* x, std::int64_t count, float* low, float* high);
+
+  /// y[j] = float(the int32 in y[j]) · step + bias.
+  void (*dequantise)(float* y, std::int64_t count, float step, float bias);
 
   /// y[j] = elu(a[j]) · sigmoid(g[j]) for j < count. a and g are read up to a multiple of the vector width.
   void (*gate)(const float* a, const float* g, float* y, std::int64_t count);

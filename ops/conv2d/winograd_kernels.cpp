@@ -287,8 +287,8 @@ constexpr int kVectors = 2;
 #endif
 constexpr std::int64_t kColumns = kVectors * kWidth;
 
-constexpr int kNear = 3, kFar = 2;         // of __builtin_prefetch: first-level cache, second-level cache
-constexpr std::int64_t kCacheLine = 16;    // floats
+constexpr int kNear = 3, kFar = 2;       // of __builtin_prefetch: first-level cache, second-level cache
+constexpr std::int64_t kCacheLine = 16;  // floats
 
 template <int R, int V>
 SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, std::int64_t last,

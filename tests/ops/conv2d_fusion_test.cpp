@@ -94,6 +94,21 @@ TEST_CASE("a fused convolution is the composition of its parts, and its kernels 
     }
 }
 
+TEST_CASE("a convolution of an upsampled image is computed from the small image") {
+  const ops::Conv2dParams same = ops::Conv2dParams::same(3);
+  for (const auto& [height, width] : {std::pair{1, 1}, {2, 3}, {7, 30}, {24, 24}}) {
+    const Shape x{1, 20, height, width};
+    Pair(x, {18, 20, 3, 3}, same, {.upsample_input = true}).check();
+    Pair(x, {24, 20, 3, 3}, same, {.upsample_input = true, .gate = true}).check();
+    Pair(x, {18, 20, 3, 3}, same,
+         {.relu_input = true,
+          .upsample_input = true,
+          .residual = true,
+          .activation = unary(ops::UnaryKind::kRelu)})
+        .check();
+  }
+}
+
 TEST_CASE("a residual must have the output's shape") {
   Graph g;
   const Value x = g.input("x", {1, 4, 8, 8});

@@ -197,7 +197,7 @@ TEST_CASE("every kernel of the convolution keeps its bound on every shape") {
       INFO(c.what, " bias ", bias);
       const Call call = conv(random_inputs(c, bias), c.params);
       const auto levels = static_cast<int>(available_isas().size());
-      CHECK(check_kernels(call) == levels * (c.weight[1] == 1 ? 2 : 1));
+      CHECK(check_kernels(call) >= levels * (c.weight[1] == 1 ? 2 : 1));
     }
 }
 

@@ -1,0 +1,456 @@
+#include "ops/conv2d/conv2d_direct.h"
+
+#include <algorithm>
+#include <atomic>
+#include <bit>
+#include <cmath>
+#include <cstring>
+
+#include "ops/conv2d/conv2d_op.h"
+#include "runtime/threads.h"
+
+namespace slide::ops {
+namespace {
+
+constexpr std::int64_t kMinBlockDepth = 64;
+constexpr std::int64_t kInt8BlockDepth =
+    160;                                  // words of all positions of a tile: most of the first-level cache
+constexpr std::int64_t kTileColumns = 2;  // panels of positions in a task: the weights are read once for them
+constexpr std::int64_t kFewTasks = 16;    // with fewer, output channels are split, too
+constexpr std::int64_t kMinTaskPanels = 4;
+constexpr double kUsefulPositions = 0.85;
+
+std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
+std::int64_t aligned(std::int64_t count) { return divide_up(count, kRowAlignment) * kRowAlignment; }
+
+std::int64_t block_depth_for(std::int64_t depth, Precision precision) {
+  if (precision == Precision::kInt8) return std::min(depth, kInt8BlockDepth);
+  const auto root = static_cast<std::int64_t>(std::ceil(std::sqrt(static_cast<double>(depth))));
+  return std::min(depth, std::max(kMinBlockDepth, divide_up(root, 8) * 8));
+}
+
+std::int64_t lanes_of(Precision precision) {
+  switch (precision) {
+    case Precision::kBf16:
+      return 2;
+    case Precision::kInt8:
+      return 4;
+    default:
+      return 1;
+  }
+}
+
+/// The nearest bfloat16, ties to even; NaN stays NaN.
+std::uint32_t bf16_bits(float x) {
+  const auto bits = std::bit_cast<std::uint32_t>(x);
+  if (x != x) return bits >> 16U | 0x40U;
+  return (bits + 0x7FFFU + (bits >> 16U & 1U)) >> 16U;
+}
+
+bool upsamples_3x3(const Conv2dGeometry& g) {
+  return g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 &&
+         g.dilation_x == 1 && g.top == 1 && g.left == 1 && g.oheight == g.height && g.owidth == g.width;
+}
+
+bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
+  return !(fusion.gate && g.groups > 1) && (!fusion.upsample_input || upsamples_3x3(g));
+}
+
+/// Taps 2×2 of one parity stand for these rows (or columns) of the 3×3.
+bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {
+  return parity == 0 ? (tap == 0) == (u == 0) : (tap == 1) == (u == 2);
+}
+
+}  // namespace
+
+struct Conv2dDirect::Task {
+  std::int64_t image, group;
+  int variant;
+  std::int64_t first_panel, last_panel;  // of weights
+  std::int64_t first, count;             // positions
+};
+
+bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  if (!possible(g, fusion)) return false;
+  if (fusion.upsample_input) return true;
+  const std::int64_t width = g.owidth + (g.kwidth - 1) * g.dilation_x / g.stride_x;
+  return g.kheight * g.kwidth > 1 &&
+         static_cast<double>(g.owidth) >= kUsefulPositions * static_cast<double>(width);
+}
+
+bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return possible(g, fusion) && g.group_ic >= 2;
+}
+
+bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return possible(g, fusion) && g.group_ic >= 8;
+}
+
+Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                           const Conv2dFusion& fusion, Precision precision)
+    : routines_(routines),
+      g_(geometry),
+      precision_(precision),
+      gated_(fusion.gate),
+      upsampled_(fusion.upsample_input),
+      relu_input_(fusion.relu_input),
+      epilogue_(fusion, routines.isa),
+      in_height_(upsampled_ ? g_.height / 2 : g_.height),
+      in_width_(upsampled_ ? g_.width / 2 : g_.width),
+      rows_out_(upsampled_ ? in_height_ : g_.oheight),
+      columns_out_(upsampled_ ? in_width_ : g_.owidth),
+      taps_(upsampled_ ? 4 : g_.kheight * g_.kwidth),
+      lanes_(lanes_of(precision)),
+      group_words_(divide_up(g_.group_ic, lanes_)),
+      depth_(group_words_ * taps_),
+      block_depth_(block_depth_for(depth_, precision)),
+      panels_(divide_up(g_.group_oc, routines.rows)),
+      task_panels_(panels_),
+      row_tasks_(1),
+      variants_(upsampled_ ? 4 : 1) {
+  const std::int64_t reach_y = upsampled_ ? 2 : (g_.kheight - 1) * g_.dilation_y / g_.stride_y;
+  const std::int64_t reach_x = upsampled_ ? 2 : (g_.kwidth - 1) * g_.dilation_x / g_.stride_x;
+  plane_width_ = columns_out_ + reach_x;
+  plane_size_ = (rows_out_ + reach_y) * plane_width_;
+  const std::int64_t positions = (rows_out_ - 1) * plane_width_ + columns_out_;
+  task_columns_ = std::min(kTileColumns, divide_up(positions, routines.columns)) * routines.columns;
+  tiles_ = divide_up(positions, task_columns_);
+  const std::int64_t tasks = g_.batch * g_.groups * variants_ * tiles_;
+  if (tasks > 0 && tasks < kFewTasks) {
+    task_panels_ = std::clamp(panels_ * tasks / kFewTasks, std::min(kMinTaskPanels, panels_), panels_);
+    row_tasks_ = divide_up(panels_, task_panels_);
+  }
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  for (int variant = 0; variant < variants_; ++variant)
+    for (std::int64_t k = 0; k < depth_; ++k) {
+      const std::int64_t tap = k % taps_;
+      const std::int64_t y = upsampled_ ? variant / 2 + tap / 2 : tap / g_.kwidth * g_.dilation_y;
+      const std::int64_t x = upsampled_ ? variant % 2 + tap % 2 : tap % g_.kwidth * g_.dilation_x;
+      const std::int64_t plane = k / taps_ * phases + y % g_.stride_y * g_.stride_x + x % g_.stride_x;
+      offsets_.push_back(
+          static_cast<std::int32_t>(plane * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x));
+    }
+}
+
+double Conv2dDirect::error_factor() const noexcept {
+  if (precision_ == Precision::kInt8) return 1;
+  const std::int64_t blocks = divide_up(depth_, block_depth_);
+  // Each word is as many fused multiply-adds; sums of weights (upsampled) are rounded once more.
+  const auto roundings =
+      static_cast<double>(block_depth_ * lanes_ + blocks + (routines_.fused ? 0 : 1) + (upsampled_ ? 1 : 0));
+  if (precision_ == Precision::kBf16) return 2.01 + 1.01 * roundings * 0x1p-16;
+  return 1.001 * roundings;
+}
+
+double Conv2dDirect::macs() const noexcept {
+  return static_cast<double>(g_.batch * g_.oc * g_.oplane()) * static_cast<double>(g_.group_ic * taps_);
+}
+
+/// Packed: the panels of all groups and variants; for integers then the step and the sum of each row.
+std::size_t Conv2dDirect::packed_bytes() const noexcept {
+  const std::int64_t rows = variants_ * g_.groups * panels_ * routines_.rows;
+  return static_cast<std::size_t>(rows * (depth_ + (precision_ == Precision::kInt8 ? 2 : 0))) * sizeof(float);
+}
+
+/// The output channel in row `row` of a group's packed weights. Gated: each feature is followed by its gate,
+/// so that a task has both.
+std::int64_t Conv2dDirect::channel_of_row(std::int64_t group, std::int64_t row) const noexcept {
+  if (!gated_) return group * g_.group_oc + row;
+  return row / 2 + (row % 2 == 0 ? 0 : g_.oc / 2);
+}
+
+double Conv2dDirect::weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
+                               std::int64_t tap) const noexcept {
+  const float* kernel = weight + (filter * g_.group_ic + channel) * g_.kheight * g_.kwidth;
+  if (!upsampled_) return static_cast<double>(kernel[tap]);
+  double sum = 0;
+  for (std::int64_t u = 0; u < 3; ++u)
+    for (std::int64_t v = 0; v < 3; ++v)
+      if (stands_for(variant / 2, tap / 2, u) && stands_for(variant % 2, tap % 2, v))
+        sum += static_cast<double>(kernel[u * 3 + v]);
+  return sum;
+}
+
+float Conv2dDirect::pack_word(const float* weight, std::int64_t filter, std::int64_t k, int variant,
+                              float step) const {
+  const std::int64_t channel = k / taps_ * lanes_;
+  if (precision_ == Precision::kFp32)
+    return static_cast<float>(weight_at(weight, filter, channel, variant, k % taps_));
+  std::uint32_t word = 0;
+  const int bits = precision_ == Precision::kBf16 ? 16 : 8;
+  for (std::int64_t lane = 0; lane < std::min(lanes_, g_.group_ic - channel); ++lane) {
+    const double w = weight_at(weight, filter, channel + lane, variant, k % taps_);
+    const std::uint32_t part = bits == 16 ? bf16_bits(static_cast<float>(w))
+                                          : static_cast<std::uint8_t>(std::lround(
+                                                std::clamp(w / static_cast<double>(step), -127.0, 127.0)));
+    word |= part << static_cast<unsigned>(lane * bits);
+  }
+  return std::bit_cast<float>(word);
+}
+
+void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
+  const std::int64_t rows = routines_.rows;
+  const std::int64_t all_panels = variants_ * g_.groups * panels_;
+  auto* panels = static_cast<float*>(static_cast<void*>(packed));
+  float* steps = panels + all_panels * rows * depth_;
+  float* sums = steps + all_panels * rows;
+  parallel_for(all_panels, [&](std::int64_t panel) {
+    const int variant = static_cast<int>(panel / (g_.groups * panels_));
+    for (std::int64_t m = 0; m < rows; ++m) {
+      const std::int64_t row = panel % panels_ * rows + m;
+      const bool inside = row < g_.group_oc;
+      const std::int64_t filter = inside ? channel_of_row(panel / panels_ % g_.groups, row) : 0;
+      float step = 1;
+      if (precision_ == Precision::kInt8) {
+        double largest = 0;
+        for (std::int64_t k = 0; inside && k < g_.group_ic * taps_; ++k)
+          largest = std::max(largest, std::fabs(weight_at(weight, filter, k / taps_, variant, k % taps_)));
+        if (largest > 0) step = static_cast<float>(largest / 127);
+        steps[panel * rows + m] = step;
+      }
+      std::int32_t sum = 0;
+      for (std::int64_t k = 0; k < depth_; ++k) {
+        const float word = inside ? pack_word(weight, filter, k, variant, step) : 0.0F;
+        std::memcpy(panels + (panel * depth_ + k) * rows + m, &word, sizeof word);
+        for (unsigned lane = 0; lane < 4; ++lane)
+          sum += static_cast<std::int8_t>(std::bit_cast<std::uint32_t>(word) >> 8 * lane & 0xFFU);
+      }
+      if (precision_ == Precision::kInt8) sums[panel * rows + m] = std::bit_cast<float>(sum);
+    }
+  });
+}
+
+std::int64_t Conv2dDirect::task_count() const noexcept {
+  return g_.batch * g_.groups * variants_ * tiles_ * row_tasks_;
+}
+
+std::size_t Conv2dDirect::scratch_bytes() const noexcept {
+  const std::int64_t planes =
+      g_.batch * g_.groups * group_words_ * g_.stride_y * g_.stride_x * plane_size_ + task_columns_;
+  const std::int64_t threads = std::min<std::int64_t>(thread_count(), task_count());
+  const std::int64_t thread = (task_panels_ * routines_.rows + 2) * task_columns_;
+  const std::int64_t row = thread_count() * aligned(in_width_);
+  return static_cast<std::size_t>(aligned(planes) + std::max(threads * thread, row)) * sizeof(float);
+}
+
+Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) const {
+  if (precision_ != Precision::kInt8) return {};
+  float low = 0;
+  float high = 0;
+  if (arrays.range) {
+    low = std::min(0.0F, arrays.range->low);
+    high = std::max(0.0F, arrays.range->high);
+  } else {
+    const std::int64_t planes = g_.batch * g_.ic;
+    std::vector<Range> ranges(static_cast<std::size_t>(planes));
+    const std::int64_t size = in_height_ * in_width_;
+    parallel_for(planes, [&](std::int64_t p) {
+      Range& r = ranges[static_cast<std::size_t>(p)];
+      routines_.range(arrays.x + p * size, size, &r.low, &r.high);
+    });
+    for (const Range& r : ranges) {
+      low = std::min(low, r.low);
+      high = std::max(high, r.high);
+    }
+  }
+  if (relu_input_) low = 0;
+  Quantiser q;
+  q.step = (high - low) / 255;
+  if (!(q.step > 0)) q.step = 1;
+  q.zero = std::round(-low / q.step);
+  return q;
+}
+
+/// The phases of one word of channels: index = (image, group, word).
+void Conv2dDirect::fill_plane(std::int64_t index, const Conv2dArrays& arrays, const Quantiser& q,
+                              float* planes) const {
+  const std::int64_t word = index % group_words_;
+  const std::int64_t group = index / group_words_ % g_.groups;
+  const std::int64_t image = index / group_words_ / g_.groups;
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  float* first = planes + index * phases * plane_size_;
+  const auto zero = static_cast<std::uint32_t>(q.zero);
+  const float outside = precision_ == Precision::kInt8 ? std::bit_cast<float>(zero * 0x01010101U) : 0.0F;
+  const std::int64_t rows = plane_size_ / plane_width_;
+  const std::int64_t channels = std::min(lanes_, g_.group_ic - word * lanes_);
+  const std::int64_t channel = image * g_.ic + group * g_.group_ic + word * lanes_;
+  for (std::int64_t row = 0; row < rows * g_.stride_y; ++row) {
+    const std::int64_t i = row - g_.top;
+    float* target = first + row % g_.stride_y * g_.stride_x * plane_size_ + row / g_.stride_y * plane_width_;
+    WordRow source{{}, q.zero, 1 / q.step, relu_input_};
+    for (std::int64_t c = 0; c < channels; ++c)
+      source.x[c] = arrays.x + ((channel + c) * in_height_ + i) * in_width_;
+    const bool inside = i >= 0 && i < in_height_;
+    for (std::int64_t phase = 0; phase < g_.stride_x; ++phase, target += plane_size_)
+      routines_.fill_row[static_cast<std::size_t>(precision_)](
+          source, inside ? in_width_ : 0, phase - g_.left, g_.stride_x, outside, target, plane_width_);
+  }
+}
+
+Conv2dDirect::Task Conv2dDirect::task(std::int64_t index) const noexcept {
+  Task t{};
+  const std::int64_t run = index % row_tasks_;
+  index /= row_tasks_;
+  t.first_panel = run * task_panels_;
+  t.last_panel = std::min(t.first_panel + task_panels_, panels_);
+  t.first = index % tiles_ * task_columns_;
+  const std::int64_t positions = (rows_out_ - 1) * plane_width_ + columns_out_;
+  t.count = std::min(task_columns_, positions - t.first);
+  index /= tiles_;
+  t.variant = static_cast<int>(index % variants_);
+  index /= variants_;
+  t.group = index % g_.groups;
+  t.image = index / g_.groups;
+  return t;
+}
+
+/// Biases, or for integers what the zero point adds to each sum, taken off.
+void Conv2dDirect::start_tile(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
+                              float* tile) const {
+  const std::int64_t rows = routines_.rows;
+  const std::int64_t all_rows = variants_ * g_.groups * panels_ * rows;
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
+  const float* sums = packed + all_rows * (depth_ + 1);
+  for (std::int64_t row = t.first_panel * rows; row < t.last_panel * rows; ++row) {
+    float start = 0;
+    if (precision_ == Precision::kInt8) {
+      const std::int64_t at = ((t.variant * g_.groups + t.group) * panels_) * rows + row;
+      start =
+          std::bit_cast<float>(-static_cast<std::int32_t>(q.zero) * std::bit_cast<std::int32_t>(sums[at]));
+    } else if (arrays.bias != nullptr && row < g_.group_oc) {
+      start = arrays.bias[channel_of_row(t.group, row)];
+    }
+    // Columns of a panel are adjacent, panels of positions follow each other: see run_task().
+    for (std::int64_t column = 0; column < task_columns_; column += routines_.columns) {
+      float* to = tile + (column * (t.last_panel - t.first_panel) * rows) +
+                  (row - t.first_panel * rows) * routines_.columns;
+      for (std::int64_t j = 0; j < routines_.columns; ++j) std::memcpy(to + j, &start, sizeof start);
+    }
+  }
+}
+
+void Conv2dDirect::run_task(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
+                            const float* planes, float* tile) const {
+  const std::int64_t rows = routines_.rows;
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t task_rows = (t.last_panel - t.first_panel) * rows;
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed)) +
+                       (t.variant * g_.groups + t.group) * panels_ * depth_ * rows;
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  const float* b = planes + (t.image * g_.groups + t.group) * group_words_ * phases * plane_size_ + t.first;
+  const std::int32_t* offsets = offsets_.data() + t.variant * depth_;
+  start_tile(t, arrays, q, tile);
+  const auto multiply = routines_.multiply_at[static_cast<std::size_t>(precision_)];
+  for (std::int64_t k = 0; k < depth_; k += block_depth_) {
+    const std::int64_t block = std::min(block_depth_, depth_ - k);
+    for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
+      for (std::int64_t column = 0; column < t.count; column += columns)
+        multiply(packed + (panel * depth_ + k) * rows, b + column, offsets + k, block,
+                 tile + column * task_rows + (panel - t.first_panel) * rows * columns,
+                 std::min(rows, g_.group_oc - panel * rows), std::min(columns, t.count - column));
+  }
+  write_tile(t, arrays, q, tile);
+}
+
+void Conv2dDirect::write_tile(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
+                              float* tile) const {
+  const std::int64_t rows = routines_.rows;
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t task_rows = (t.last_panel - t.first_panel) * rows;
+  const std::int64_t first_row = t.first_panel * rows;
+  const std::int64_t last_row = std::min(t.last_panel * rows, g_.group_oc);
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
+  const float* steps = packed + variants_ * g_.groups * panels_ * rows * depth_ +
+                       (t.variant * g_.groups + t.group) * panels_ * rows;
+  for (std::int64_t column = 0; column < t.count; column += columns) {
+    const std::int64_t count = std::min(columns, t.count - column);
+    float* panel = tile + column * task_rows;
+    if (precision_ == Precision::kInt8)
+      for (std::int64_t row = first_row; row < last_row; ++row) {
+        const float bias = arrays.bias != nullptr ? arrays.bias[channel_of_row(t.group, row)] : 0.0F;
+        routines_.dequantise(panel + (row - first_row) * columns, columns, steps[row] * q.step, bias);
+      }
+    for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
+      float* sums = panel + (row - first_row) * columns;
+      if (gated_) routines_.gate(sums, sums + columns, sums, count);
+      write_row(t, arrays, channel_of_row(t.group, row), sums, t.first + column, count);
+    }
+  }
+}
+
+/// Sums of the positions first, ..., first + count - 1 of one channel; those in the padding are dropped.
+void Conv2dDirect::write_row(const Task& t, const Conv2dArrays& arrays, std::int64_t channel, float* sums,
+                             std::int64_t first, std::int64_t count) const {
+  const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
+  const std::int64_t plane = (t.image * channels + channel) * g_.oplane();
+  for (std::int64_t done = 0; done < count;) {
+    const std::int64_t i = (first + done) / plane_width_;
+    const std::int64_t j = (first + done) % plane_width_;
+    const std::int64_t run = std::min(count - done, plane_width_ - j);
+    const std::int64_t length = std::min(run, columns_out_ - j);
+    float* from = sums + done;
+    done += run;
+    if (length <= 0) continue;
+    if (!upsampled_) {
+      const std::int64_t at = plane + i * g_.owidth + j;
+      epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
+                       length);
+      continue;
+    }
+    const std::int64_t at = plane + (2 * i + t.variant / 2) * g_.owidth + 2 * j + t.variant % 2;
+    std::array<float, 64> residual;
+    for (std::int64_t n = 0; arrays.residual != nullptr && n < length; ++n)
+      residual[static_cast<std::size_t>(n)] = arrays.residual[at + 2 * n];
+    epilogue_.finish(from, arrays.residual != nullptr ? residual.data() : nullptr, from, length);
+    for (std::int64_t n = 0; n < length; ++n) arrays.y[at + 2 * n] = from[n];
+  }
+}
+
+void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
+  if (task_count() == 0) return;
+  const std::int64_t words = g_.batch * g_.groups * group_words_;
+  const std::int64_t planes_size = words * g_.stride_y * g_.stride_x * plane_size_;
+  auto* planes = static_cast<float*>(static_cast<void*>(scratch.data()));
+  const Quantiser q = quantiser(arrays);
+  std::fill_n(planes + planes_size, task_columns_, 0.0F);
+  parallel_for(words, [&](std::int64_t word) { fill_plane(word, arrays, q, planes); });
+  const std::int64_t thread_size = (task_panels_ * routines_.rows + 2) * task_columns_;
+  float* memory = planes + aligned(planes_size + task_columns_);
+  const std::int64_t slots = std::min<std::int64_t>(
+      task_count(),
+      (static_cast<std::int64_t>(scratch.size() / sizeof(float)) - (memory - planes)) / thread_size);
+  std::atomic<std::int64_t> next{0};
+  parallel_for(slots, [&](std::int64_t slot) {
+    for (std::int64_t i = next++; i < task_count(); i = next++)
+      run_task(task(i), arrays, q, planes, memory + slot * thread_size);
+  });
+}
+
+void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
+                                   std::span<double> scale) {
+  std::vector<Tensor> wide;
+  for (const Tensor& t : inputs) {
+    wide.push_back(t.clone());
+    for (double& v : wide.back().mutable_data<double>()) v = std::fabs(v);
+  }
+  std::vector<double> products(scale.size());
+  conv2d_reference(g, wide, products);
+  double low = 0;
+  double high = 0;
+  for (const double v : inputs[0].data<double>()) {
+    low = std::min(low, v);
+    high = std::max(high, v);
+  }
+  for (double& v : wide[0].mutable_data<double>()) v += 1.001 * (high - low) / 255 / 2;
+  const std::span<double> w = wide[1].mutable_data<double>();
+  const auto depth = static_cast<std::size_t>(g.depth());
+  for (std::size_t o = 0; o < w.size(); o += depth) {
+    const double largest = *std::max_element(w.begin() + static_cast<std::ptrdiff_t>(o),
+                                             w.begin() + static_cast<std::ptrdiff_t>(o + depth));
+    for (std::size_t k = o; k < o + depth; ++k) w[k] += 1.001 * largest / 127 / 2;
+  }
+  conv2d_reference(g, wide, scale);
+  for (std::size_t i = 0; i < scale.size(); ++i) scale[i] += 0x1p-22 * scale[i] - products[i] + 0x1p-100;
+}
+
+}  // namespace slide::ops

@@ -1,0 +1,219 @@
+#pragma once
+
+// The products of words, for sources compiled per level: what a word holds, and how it is multiplied. For
+// each word of b, kRows broadcast words of a; all accumulators stay in registers over a block of the depth.
+
+#include "ops/conv2d/conv2d_routines.h"
+#include "ops/simd/simd.h"
+
+namespace slide::ops::SLIDE_ISA {
+namespace {
+
+using simd::Float;
+constexpr std::int64_t kWidth = simd::kWidth;
+
+// Accumulators, the vectors of b and a broadcast fit into the registers: 32 (AVX-512, AArch64) or 16.
+#if defined(__AVX512F__) || defined(__aarch64__)
+constexpr int kRows = 8;
+constexpr int kVectors = 3;
+#elif defined(__FMA__)
+constexpr int kRows = 6;
+constexpr int kVectors = 2;
+#else
+constexpr int kRows = 4;
+constexpr int kVectors = 2;
+#endif
+constexpr std::int64_t kColumns = kVectors * kWidth;
+
+using Bits = simd::Float::Bits;
+
+SLIDE_INLINE Bits broadcast_word(const float* word) {
+  std::int32_t bits;
+  __builtin_memcpy(&bits, word, sizeof bits);
+  return Bits{} + bits;
+}
+SLIDE_INLINE Bits load_words(const float* words) {
+  Bits bits;
+  __builtin_memcpy(&bits, words, sizeof bits);
+  return bits;
+}
+SLIDE_INLINE void store_words(float* to, Bits bits) { __builtin_memcpy(to, &bits, sizeof bits); }
+SLIDE_INLINE Float as_float(Bits bits) { return simd::from_bits<SLIDE_ISA_WIDTH>(bits); }
+
+/// One float32.
+struct Fp32 {
+  static constexpr int kLanes = 1;
+  using Sum = Float;
+  static SLIDE_INLINE Sum start() { return simd::zero(); }
+  static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) { return simd::fma(as_float(a), as_float(b), sum); }
+  static SLIDE_INLINE void add_to(float* c, Sum sum) { simd::store(c, simd::load(c) + sum); }
+  static SLIDE_INLINE Bits word(const WordRow&, const Float* x) { return simd::bits_of(x[0]); }
+};
+
+/// Two bfloat16: the first in the low half.
+struct Bf16 {
+  static constexpr int kLanes = 2;
+  using Sum = Float;
+  static SLIDE_INLINE Sum start() { return simd::zero(); }
+  static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
+#if defined(__AVX512BF16__)
+    __m512bh left, right;
+    __builtin_memcpy(&left, &a, sizeof left);
+    __builtin_memcpy(&right, &b, sizeof right);
+    return {_mm512_dpbf16_ps(sum.v, left, right)};
+#else
+    constexpr auto kHigh = static_cast<std::int32_t>(0xFFFF0000);
+    const Sum low = simd::fma(as_float(a << 16), as_float(b << 16), sum);
+    return simd::fma(as_float(a & kHigh), as_float(b & kHigh), low);
+#endif
+  }
+  static SLIDE_INLINE void add_to(float* c, Sum sum) { simd::store(c, simd::load(c) + sum); }
+  /// To the nearest, ties to even, in the high half; NaN stays NaN.
+  static SLIDE_INLINE Bits rounded(Float x) {
+    const Bits bits = simd::bits_of(x);
+    const Bits nearest = bits + 0x7FFF + (bits >> 16 & 1);
+    const Bits quiet = bits | 0x00400000;
+    return simd::is_nan(x).v ? quiet : nearest;
+  }
+  static SLIDE_INLINE Bits word(const WordRow&, const Float* x) {
+    constexpr auto kHigh = static_cast<std::int32_t>(0xFFFF0000);
+    return (rounded(x[0]) >> 16 & 0xFFFF) | (rounded(x[1]) & kHigh);
+  }
+};
+
+/// Four integers: b unsigned, a signed; sums are int32.
+struct Int8 {
+  static constexpr int kLanes = 4;
+  using Sum = Bits;
+  static SLIDE_INLINE Sum start() { return Bits{}; }
+  static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
+#if defined(__AVX512VNNI__)
+    __m512i left, right, total;
+    __builtin_memcpy(&left, &a, sizeof left);
+    __builtin_memcpy(&right, &b, sizeof right);
+    __builtin_memcpy(&total, &sum, sizeof total);
+    total = _mm512_dpbusd_epi32(total, right, left);
+    __builtin_memcpy(&sum, &total, sizeof sum);
+    return sum;
+#else
+    for (int lane = 0; lane < 4; ++lane) sum += (a << (24 - 8 * lane) >> 24) * (b >> 8 * lane & 0xFF);
+    return sum;
+#endif
+  }
+  static SLIDE_INLINE void add_to(float* c, Sum sum) { store_words(c, load_words(c) + sum); }
+  static SLIDE_INLINE Bits word(const WordRow& row, const Float* x) {
+    Bits word{};
+    for (int lane = 0; lane < 4; ++lane) {
+      // Half is added because conversion cuts off.
+      const Float scaled =
+          simd::fma(x[lane], simd::broadcast(row.inverse_step), simd::broadcast(row.zero + 0.5F));
+      const Float inside = simd::min(simd::max(scaled, simd::zero()), simd::broadcast(255.0F));
+      word |= __builtin_convertvector(inside.v, Bits) << 8 * lane;
+    }
+    return word;
+  }
+};
+
+template <typename P, int R, int V>
+SLIDE_INLINE void multiply_panel_at(const float* a, const float* b, const std::int32_t* offsets,
+                                    std::int64_t depth, float* c) {
+  typename P::Sum sums[R][V];
+  for (int m = 0; m < R; ++m)
+    for (int v = 0; v < V; ++v) sums[m][v] = P::start();
+  for (std::int64_t k = 0; k < depth; ++k, a += kRows) {
+    const float* row = b + offsets[k];
+    Bits right[V];
+    for (int v = 0; v < V; ++v) right[v] = load_words(row + v * kWidth);
+    for (int m = 0; m < R; ++m) {
+      const Bits left = broadcast_word(a + m);
+      for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
+    }
+  }
+  for (int m = 0; m < R; ++m)
+    for (int v = 0; v < V; ++v) P::add_to(c + m * kColumns + v * kWidth, sums[m][v]);
+}
+
+template <typename P, int R>
+void multiply_rows_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
+                      float* c, std::int64_t column_count) {
+  if constexpr (kVectors > 2)
+    if (column_count > 2 * kWidth) return multiply_panel_at<P, R, kVectors>(a, b, offsets, depth, c);
+  if (column_count > kWidth) return multiply_panel_at<P, R, 2>(a, b, offsets, depth, c);
+  multiply_panel_at<P, R, 1>(a, b, offsets, depth, c);
+}
+
+template <typename P>
+void multiply_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth, float* c,
+                 std::int64_t row_count, std::int64_t column_count) {
+  if (row_count > 4) return multiply_rows_at<P, kRows>(a, b, offsets, depth, c, column_count);
+  if (row_count > 2) return multiply_rows_at<P, 4>(a, b, offsets, depth, c, column_count);
+  if (row_count > 1) return multiply_rows_at<P, 2>(a, b, offsets, depth, c, column_count);
+  multiply_rows_at<P, 1>(a, b, offsets, depth, c, column_count);
+}
+
+/// One vector of words from x[first...first + count·stride), count <= kWidth.
+template <typename P>
+SLIDE_INLINE Bits make_words(const WordRow& row, std::int64_t first, std::int64_t stride,
+                             std::int64_t count) {
+  Float x[P::kLanes];
+  for (int lane = 0; lane < P::kLanes; ++lane) {
+    if (row.x[lane] == nullptr) {
+      x[lane] = simd::zero();
+    } else if (stride == 1 && count == kWidth) {
+      x[lane] = simd::load(row.x[lane] + first);
+    } else {
+      float gathered[kWidth] = {};
+      for (std::int64_t j = 0; j < count; ++j) gathered[j] = row.x[lane][first + j * stride];
+      x[lane] = simd::load(gathered);
+    }
+    if (row.relu) x[lane] = simd::max(simd::zero(), x[lane]);
+  }
+  return P::word(row, x);
+}
+
+template <typename P>
+void fill_row(const WordRow& row, std::int64_t width, std::int64_t start, std::int64_t stride, float outside,
+              float* y, std::int64_t count) {
+  std::int64_t first = start >= 0 ? 0 : (-start + stride - 1) / stride;
+  if (first > count) first = count;
+  std::int64_t last = start >= width ? 0 : (width - 1 - start) / stride + 1;
+  if (width == 0 || last < first) last = first;
+  if (last > count) last = count;
+  for (std::int64_t j = 0; j < first; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);
+  std::int64_t j = first;
+  for (; j + kWidth <= last; j += kWidth)
+    store_words(y + j, make_words<P>(row, start + j * stride, stride, kWidth));
+  if (j < last) {
+    const Bits words = make_words<P>(row, start + j * stride, stride, last - j);
+    __builtin_memcpy(y + j, &words, static_cast<std::size_t>(last - j) * sizeof(float));
+  }
+  for (j = last; j < count; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);
+}
+
+void range(const float* x, std::int64_t count, float* low, float* high) {
+  Float least = simd::zero();
+  Float most = simd::zero();
+  std::int64_t i = 0;
+  for (; i + kWidth <= count; i += kWidth) {
+    const Float v = simd::load(x + i);
+    least = simd::min(v, least);
+    most = simd::max(v, most);
+  }
+  if (i < count) {
+    const Float v = simd::load_partial(x + i, static_cast<std::size_t>(count - i));
+    least = simd::min(v, least);
+    most = simd::max(v, most);
+  }
+  *high = simd::max_of_lanes(most);
+  *low = -simd::max_of_lanes(-least);
+}
+
+void dequantise(float* y, std::int64_t count, float step, float bias) {
+  for (std::int64_t j = 0; j < count; j += kWidth) {
+    const Float value = {__builtin_convertvector(load_words(y + j), Float::Native)};
+    simd::store(y + j, simd::fma(value, simd::broadcast(step), simd::broadcast(bias)));
+  }
+}
+
+}  // namespace
+}  // namespace slide::ops::SLIDE_ISA
