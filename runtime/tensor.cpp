@@ -46,6 +46,17 @@ double element(const Tensor& t, std::size_t i) {
   return std::numeric_limits<double>::quiet_NaN();
 }
 
+/// The conversions of large weights, as loops that compilers vectorise; files may hold them unaligned.
+template <typename From, typename To>
+void convert(std::span<const std::byte> from, std::byte* to) {
+  for (std::size_t i = 0; i < from.size() / sizeof(From); ++i) {
+    From value;
+    std::memcpy(&value, from.data() + i * sizeof(From), sizeof(From));
+    const To converted = static_cast<To>(value);
+    std::memcpy(to + i * sizeof(To), &converted, sizeof(To));
+  }
+}
+
 /// binary64 to bfloat16 or binary16 through binary32 would round twice; rounding to odd first makes it exact.
 float to_float_round_odd(double value) {
   const float nearest = static_cast<float>(value);
@@ -130,6 +141,15 @@ Tensor Tensor::to(DType type) const {
   Tensor t(type, shape_);
   const std::size_t n = static_cast<std::size_t>(count());
   std::byte* raw = t.data_;
+  const auto is = [&](DType from, DType to) { return type_ == from && type == to; };
+  if (is(DType::kF32, DType::kF64)) {
+    convert<float, double>(this->raw(), raw);
+    return t;
+  }
+  if (is(DType::kF64, DType::kF32)) {
+    convert<double, float>(this->raw(), raw);
+    return t;
+  }
   const auto store = [&](std::size_t i, auto value) {
     std::memcpy(raw + i * sizeof value, &value, sizeof value);
   };

@@ -5,7 +5,11 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 #include <limits>
+#include <vector>
+
+#include "runtime/tensor.h"
 
 using namespace slide;
 
@@ -45,4 +49,22 @@ TEST_CASE("float to bfloat16 rounds to nearest even and keeps NaN a NaN") {
     REQUIRE(bfloat16_from_float(std::bit_cast<float>(middle + 1)) == bits + 1);
   }
   CHECK(std::isnan(float_from_bfloat16(bfloat16_from_float(std::bit_cast<float>(0x7f800001u)))));
+}
+
+TEST_CASE("tensors of float32 widen exactly, those of float64 round to nearest even, unaligned ones too") {
+  const float inf = std::numeric_limits<float>::infinity();
+  const std::vector<double> wide{1 + 0x1p-24, 1 + 0x1.8p-23, 1 + 0x1p-24 + 0x1p-50, 0x1p-149,
+                                 0x1p-150,    -0.0,          0x1.fffffefp127,       -0x1.ffffffp127};
+  const std::vector<float> narrow{1, 1 + 0x1p-22F, 1 + 0x1p-23F, 0x1p-149F, 0, -0.0F, 0x1.fffffep127F, -inf};
+  const Tensor t = Tensor::from<double>({8}, std::span<const double>(wide)).to(DType::kF32);
+  const Tensor back = t.to(DType::kF64);
+  std::vector<std::byte> bytes(8 * sizeof(double) + 1);
+  std::memcpy(bytes.data() + 1, wide.data(), 8 * sizeof(double));
+  const Tensor unaligned = Tensor::view(DType::kF64, {8}, bytes.data() + 1).to(DType::kF32);
+  for (std::size_t i = 0; i < 8; ++i) {
+    CHECK(std::bit_cast<std::uint32_t>(t.data<float>()[i]) == std::bit_cast<std::uint32_t>(narrow[i]));
+    CHECK(std::bit_cast<std::uint32_t>(unaligned.data<float>()[i]) ==
+          std::bit_cast<std::uint32_t>(narrow[i]));
+    CHECK(back.data<double>()[i] == static_cast<double>(narrow[i]));
+  }
 }
