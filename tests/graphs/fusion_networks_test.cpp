@@ -11,6 +11,7 @@
 #include "graphs/formula_weights.h"
 #include "ops/check.h"
 #include "ops/fusion/fusion.h"
+#include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
 #include "tests/graphs/network_support.h"
 
@@ -18,6 +19,9 @@ using namespace slide;
 using namespace slide::graphs;
 
 namespace {
+
+/// Of the float32 plan's outputs; as in golden_test.cpp.
+constexpr double kFastTolerance = 1e-4;
 
 using Counts = std::map<std::string, int>;
 
@@ -84,6 +88,11 @@ Counts counts_fused(const std::string& network, std::int64_t height, std::int64_
     CAPTURE(name);
     CHECK(ops::relative_error(run.tensor(name), expected.tensor(name)) <= 1e-10);
   }
+  const auto plan = ops::fuse(*graph);
+  FastExecutor fast(*plan, weights);
+  fast.run(inputs);
+  for (const auto& output : graph->outputs())
+    CHECK(ops::relative_error(fast.tensor(output.first), expected.tensor(output.first)) <= kFastTolerance);
   const Counts before = counts(*graph);
   Counts after = counts(*fused);
   for (const char* const convolution : {"conv2d", "gated_conv2d"})
