@@ -46,7 +46,7 @@ constexpr std::int64_t kSharedBytes = 8 << 20;
 // few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase, multiply in
 // vain.
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
-constexpr double kMostProducts = 0.6;
+constexpr double kMostProducts2 = 0.6, kMostProducts = 0.4;  // of 9 for an output
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
 constexpr std::int64_t kSkew = 16;
@@ -174,7 +174,8 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
       g.batch * tile_count(g.oheight, tile, g.dilation_y) * tile_count(g.owidth, tile, g.dilation_x);
   const double products = static_cast<double>(tiles * (tile + 2) * (tile + 2));
   return tiles >= (tile == 2 ? kMinTiles2 : kMinTiles) &&
-         products <= kMostProducts * static_cast<double>(9 * g.batch * g.oplane());
+         products <=
+             (tile == 2 ? kMostProducts2 : kMostProducts) * static_cast<double>(9 * g.batch * g.oplane());
 }
 
 template <int Tile>
@@ -260,9 +261,9 @@ std::int64_t Conv2dWinogradBase::v_size() const noexcept {
 }
 
 /// Floats for an input transform or a task: the products, [frequency][panel of tiles][row][column]; then the
-/// sums of two filters. Both may be read one vector beyond.
+/// sums of two filters and a row of each. All may be read one vector beyond.
 std::int64_t Conv2dWinogradBase::work_size() const noexcept {
-  const std::int64_t sums = 2 * tile_ * tile_ * round_up(winograd_.columns, kRowAlignment);
+  const std::int64_t sums = 2 * (tile_ + 1) * tile_ * round_up(winograd_.columns, kRowAlignment);
   return round_up(std::max(input_memory(g_, tile_, line_tiles_).total(tile_),
                            frequencies_ * product_stride_ + sums + 2 * kRowAlignment),
                   kRowAlignment);
@@ -413,36 +414,55 @@ void Conv2dWinogradBase::transform_filters(const Run& run, const float* products
   }
 }
 
-/// Dilated, a tile's columns are written in pieces of the phases that the run has.
+/// Dilated, adjacent columns come from tiles that have all phases; others are written phase by phase.
 void Conv2dWinogradBase::write_filter(const Run& run, std::int64_t row, float* sums,
                                       const Conv2dArrays& arrays) const {
   const std::int64_t phase_size = round_up(winograd_.columns, kRowAlignment);
   const std::int64_t row_size = tile_ * phase_size;
+  const std::int64_t gate = tile_ * row_size;  // from the feature's sums to the gate's
   const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
   const std::int64_t plane = (run.image * channels + (gated_ ? row / 2 : row)) * g_.oplane();
-  const auto finish = [&](float* from, std::int64_t orow, std::int64_t column, std::int64_t count) {
-    count = std::min(count, g_.owidth - column);
-    if (count <= 0) return;
-    if (gated_) routines_.gate(from, from + tile_ * row_size, from, count);
-    const std::int64_t at = plane + orow * g_.owidth + column;
-    epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at, count);
-  };
   const std::int64_t d = g_.dilation_x;
-  for (std::int64_t i = 0; i < tile_; ++i) {
-    const std::int64_t orow = run.row + i * g_.dilation_y;
-    if (orow >= g_.oheight) return;
+  float* columns = sums + 2 * gate;
+  for (std::int64_t i = 0; i < tile_ && run.row + i * g_.dilation_y < g_.oheight; ++i) {
     float* from = sums + i * row_size;
+    const auto finish = [&](float* values, std::int64_t gate_distance, std::int64_t column,
+                            std::int64_t count) {
+      count = std::min(count, g_.owidth - column);
+      if (count <= 0) return;
+      if (gated_) routines_.gate(values, values + gate_distance, values, count);
+      const std::int64_t at = plane + (run.row + i * g_.dilation_y) * g_.owidth + column;
+      epilogue_.finish(values, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
+                       count);
+    };
     if (d == 1) {
-      finish(from, orow, run.first * tile_, (run.last - run.first) * tile_);
+      finish(from, gate, run.first * tile_, (run.last - run.first) * tile_);
       continue;
     }
     for (std::int64_t t = run.first; t < run.last;) {
+      const std::int64_t whole = t % d == 0 ? (run.last - t) / d * d : 0;
+      if (whole > 0) {
+        for (std::int64_t part = 0; part < (gated_ ? 2 : 1); ++part)
+          join_phases(from + part * gate + t - run.first, phase_size, whole, columns + part * row_size);
+        finish(columns, row_size, tile_start(t, tile_, d), whole * tile_);
+        t += whole;
+        continue;
+      }
       const std::int64_t count = std::min(d - t % d, run.last - t);
       for (std::int64_t j = 0; j < tile_; ++j)
-        finish(from + j * phase_size + t - run.first, orow, tile_start(t, tile_, d) + j * d, count);
+        finish(from + j * phase_size + t - run.first, gate, tile_start(t, tile_, d) + j * d, count);
       t += count;
     }
   }
+}
+
+/// Adjacent columns of `count` tiles, a multiple of the dilation.
+void Conv2dWinogradBase::join_phases(const float* phases, std::int64_t phase_size, std::int64_t count,
+                                     float* columns) const {
+  const std::int64_t d = g_.dilation_x;
+  for (std::int64_t t = 0; t < count; t += d)
+    for (std::int64_t j = 0; j < tile_; ++j, columns += d)
+      for (std::int64_t k = 0; k < d; ++k) columns[k] = phases[j * phase_size + t + k];
 }
 
 namespace {

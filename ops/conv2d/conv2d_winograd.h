@@ -67,6 +67,7 @@ class Conv2dWinogradBase {
                 float* memory) const;
   void transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                          float* sums) const;
+  void join_phases(const float* phases, std::int64_t phase_size, std::int64_t count, float* columns) const;
   void write_filter(const Run& run, std::int64_t row, float* sums, const Conv2dArrays& arrays) const;
 
   const Conv2dRoutines& routines_;
