@@ -5,6 +5,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "ops/conv2d/conv2d_op.h"
 #include "runtime/threads.h"
@@ -12,7 +13,7 @@
 namespace slide::ops {
 namespace {
 
-constexpr std::int64_t kMinBlockDepth = 64;
+constexpr std::int64_t kMinBlockDepth = 96;
 constexpr std::int64_t kInt8BlockDepth =
     160;                                  // words of all positions of a tile: most of the first-level cache
 constexpr std::int64_t kTileColumns = 2;  // panels of positions in a task: the weights are read once for them
@@ -23,10 +24,24 @@ constexpr double kUsefulPositions = 0.85;
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 std::int64_t aligned(std::int64_t count) { return divide_up(count, kRowAlignment) * kRowAlignment; }
 
+/// Blocks of about the root of the depth make the fewest roundings; all are equally deep.
 std::int64_t block_depth_for(std::int64_t depth, Precision precision) {
-  if (precision == Precision::kInt8) return std::min(depth, kInt8BlockDepth);
-  const auto root = static_cast<std::int64_t>(std::ceil(std::sqrt(static_cast<double>(depth))));
-  return std::min(depth, std::max(kMinBlockDepth, divide_up(root, 8) * 8));
+  const auto root = static_cast<std::int64_t>(std::sqrt(static_cast<double>(depth)));
+  const std::int64_t most = precision == Precision::kInt8 ? kInt8BlockDepth : std::max(kMinBlockDepth, root);
+  return divide_up(depth, divide_up(depth, most));
+}
+
+/// A 1×1 convolution that reads every pixel once sees the image as a single row.
+bool reads_once(const Conv2dGeometry& g) {
+  return g.kheight == 1 && g.kwidth == 1 && g.stride_y == 1 && g.stride_x == 1 && g.oheight == g.height &&
+         g.owidth == g.width && g.top == 0 && g.left == 0;
+}
+
+Conv2dGeometry with_rows_joined(Conv2dGeometry g, bool upsampled) {
+  if (upsampled || !reads_once(g)) return g;
+  g.width = g.owidth = g.plane();
+  g.height = g.oheight = 1;
+  return g;
 }
 
 std::int64_t lanes_of(Precision precision) {
@@ -53,7 +68,10 @@ bool upsamples_3x3(const Conv2dGeometry& g) {
 }
 
 bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
-  return !(fusion.gate && g.groups > 1) && (!fusion.upsample_input || upsamples_3x3(g));
+  constexpr std::int64_t kLargest = std::numeric_limits<std::int32_t>::max();  // of an offset
+  const std::int64_t padded = (g.oheight + g.kheight * g.dilation_y) * (g.owidth + g.kwidth * g.dilation_x);
+  return !(fusion.gate && g.groups > 1) && (!fusion.upsample_input || upsamples_3x3(g)) &&
+         g.group_ic * g.stride_y * g.stride_x < kLargest / padded;
 }
 
 /// Taps 2×2 of one parity stand for these rows (or columns) of the 3×3.
@@ -72,10 +90,9 @@ struct Conv2dDirect::Task {
 
 bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   if (!possible(g, fusion)) return false;
-  if (fusion.upsample_input) return true;
+  if (fusion.upsample_input || reads_once(g)) return true;
   const std::int64_t width = g.owidth + (g.kwidth - 1) * g.dilation_x / g.stride_x;
-  return g.kheight * g.kwidth > 1 &&
-         static_cast<double>(g.owidth) >= kUsefulPositions * static_cast<double>(width);
+  return static_cast<double>(g.owidth) >= kUsefulPositions * static_cast<double>(width);
 }
 
 bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
@@ -89,11 +106,12 @@ bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                            const Conv2dFusion& fusion, Precision precision)
     : routines_(routines),
-      g_(geometry),
+      g_(with_rows_joined(geometry, fusion.upsample_input)),
       precision_(precision),
       gated_(fusion.gate),
       upsampled_(fusion.upsample_input),
       relu_input_(fusion.relu_input),
+      in_place_(precision == Precision::kFp32 && !upsampled_ && !relu_input_ && reads_once(g_)),
       epilogue_(fusion, routines.isa),
       in_height_(upsampled_ ? g_.height / 2 : g_.height),
       in_width_(upsampled_ ? g_.width / 2 : g_.width),
@@ -224,13 +242,17 @@ std::int64_t Conv2dDirect::task_count() const noexcept {
   return g_.batch * g_.groups * variants_ * tiles_ * row_tasks_;
 }
 
+/// Of the planes and what is read behind their end.
+std::int64_t Conv2dDirect::planes_size() const noexcept {
+  if (in_place_) return 0;
+  return g_.batch * g_.groups * group_words_ * g_.stride_y * g_.stride_x * plane_size_ + task_columns_;
+}
+
 std::size_t Conv2dDirect::scratch_bytes() const noexcept {
-  const std::int64_t planes =
-      g_.batch * g_.groups * group_words_ * g_.stride_y * g_.stride_x * plane_size_ + task_columns_;
+  const std::int64_t planes = planes_size();
   const std::int64_t threads = std::min<std::int64_t>(thread_count(), task_count());
   const std::int64_t thread = (task_panels_ * routines_.rows + 2) * task_columns_;
-  const std::int64_t row = thread_count() * aligned(in_width_);
-  return static_cast<std::size_t>(aligned(planes) + std::max(threads * thread, row)) * sizeof(float);
+  return static_cast<std::size_t>(aligned(planes) + threads * thread) * sizeof(float);
 }
 
 Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) const {
@@ -347,7 +369,7 @@ void Conv2dDirect::run_task(const Task& t, const Conv2dArrays& arrays, const Qua
       for (std::int64_t column = 0; column < t.count; column += columns)
         multiply(packed + (panel * depth_ + k) * rows, b + column, offsets + k, block,
                  tile + column * task_rows + (panel - t.first_panel) * rows * columns,
-                 std::min(rows, g_.group_oc - panel * rows), std::min(columns, t.count - column));
+                 std::min(rows, g_.group_oc - panel * rows), std::min(columns, t.count - column), in_place_);
   }
   write_tile(t, arrays, q, tile);
 }
@@ -408,17 +430,19 @@ void Conv2dDirect::write_row(const Task& t, const Conv2dArrays& arrays, std::int
 
 void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
   if (task_count() == 0) return;
-  const std::int64_t words = g_.batch * g_.groups * group_words_;
-  const std::int64_t planes_size = words * g_.stride_y * g_.stride_x * plane_size_;
-  auto* planes = static_cast<float*>(static_cast<void*>(scratch.data()));
+  auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
+  const float* planes = arrays.x;
   const Quantiser q = quantiser(arrays);
-  std::fill_n(planes + planes_size, task_columns_, 0.0F);
-  parallel_for(words, [&](std::int64_t word) { fill_plane(word, arrays, q, planes); });
+  if (!in_place_) {
+    std::fill_n(memory + planes_size() - task_columns_, task_columns_, 0.0F);
+    parallel_for(g_.batch * g_.groups * group_words_,
+                 [&](std::int64_t word) { fill_plane(word, arrays, q, memory); });
+    planes = memory;
+    memory += aligned(planes_size());
+  }
   const std::int64_t thread_size = (task_panels_ * routines_.rows + 2) * task_columns_;
-  float* memory = planes + aligned(planes_size + task_columns_);
-  const std::int64_t slots = std::min<std::int64_t>(
-      task_count(),
-      (static_cast<std::int64_t>(scratch.size() / sizeof(float)) - (memory - planes)) / thread_size);
+  const auto rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - aligned(planes_size());
+  const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size);
   std::atomic<std::int64_t> next{0};
   parallel_for(slots, [&](std::int64_t slot) {
     for (std::int64_t i = next++; i < task_count(); i = next++)

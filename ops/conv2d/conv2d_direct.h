@@ -16,7 +16,7 @@ namespace slide::ops {
 /// padded planes, split by the stride (rows and columns 0, s, 2s, ..., then 1, s + 1, ...). Then, if output
 /// positions are counted along the padded rows, tap (c, u, v) of the positions p, p + 1, ... lies at
 /// offset(c, u, v) + p, + 1, ...: a run of adjacent numbers for every tap. The positions in the padding are
-/// computed, too, and dropped.
+/// computed, too, and dropped. A 1×1 convolution in float32 needs no copy.
 ///
 /// An element of a plane is a 32-bit word: one float32, two bfloat16 (of two channels) or four 8-bit integers
 /// (of four channels), so that all precisions share the loops.
@@ -33,7 +33,7 @@ class Conv2dDirect {
   Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion,
                Precision precision = Precision::kFp32);
 
-  /// float32: kernels larger than 1×1 on images where few positions lie in the padding.
+  /// float32: where few positions lie in the padding.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 
   [[nodiscard]] std::size_t packed_bytes() const noexcept;
@@ -51,6 +51,7 @@ class Conv2dDirect {
     float step = 1, zero = 0;
   };
   [[nodiscard]] std::int64_t channel_of_row(std::int64_t group, std::int64_t row) const noexcept;
+  [[nodiscard]] std::int64_t planes_size() const noexcept;
   [[nodiscard]] std::int64_t task_count() const noexcept;
   [[nodiscard]] Task task(std::int64_t index) const noexcept;
   [[nodiscard]] double weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
@@ -73,6 +74,7 @@ class Conv2dDirect {
   Conv2dGeometry g_;
   Precision precision_;
   bool gated_, upsampled_, relu_input_;
+  bool in_place_;  // the planes are x
   Conv2dEpilogue epilogue_;
   std::int64_t in_height_, in_width_;    // of x
   std::int64_t rows_out_, columns_out_;  // of output positions, for one variant

@@ -56,9 +56,9 @@ struct Conv2dRoutines {
   // By Precision, words as conv2d_direct.h has them.
 
   /// multiply() with rows of b that lie anywhere: row k at b + offsets[k]. Sums of integers are int32 in the
-  /// words of c.
+  /// words of c. With `exact` nothing is read behind column_count.
   void (*multiply_at[3])(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
-                         float* c, std::int64_t row_count, std::int64_t column_count);
+                         float* c, std::int64_t row_count, std::int64_t column_count, bool exact);
 
   /// y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j < count.
   void (*fill_row[3])(const WordRow& x, std::int64_t width, std::int64_t start, std::int64_t stride,

@@ -114,16 +114,25 @@ struct Int8 {
   }
 };
 
-template <typename P, int R, int V>
+/// The first `count` <= kWidth words.
+SLIDE_INLINE Bits load_some_words(const float* words, std::int64_t count) {
+  if (count >= kWidth) return load_words(words);
+  return simd::bits_of(simd::load_partial(words, static_cast<std::size_t>(count)));
+}
+
+/// `last`: how many words of a row's last vector may be read.
+template <typename P, int R, int V, bool kExact>
 SLIDE_INLINE void multiply_panel_at(const float* a, const float* b, const std::int32_t* offsets,
-                                    std::int64_t depth, float* c) {
+                                    std::int64_t depth, float* c, std::int64_t last) {
   typename P::Sum sums[R][V];
   for (int m = 0; m < R; ++m)
     for (int v = 0; v < V; ++v) sums[m][v] = P::start();
   for (std::int64_t k = 0; k < depth; ++k, a += kRows) {
     const float* row = b + offsets[k];
     Bits right[V];
-    for (int v = 0; v < V; ++v) right[v] = load_words(row + v * kWidth);
+    for (int v = 0; v < V - 1; ++v) right[v] = load_words(row + v * kWidth);
+    const float* end = row + (V - 1) * kWidth;
+    right[V - 1] = kExact ? load_some_words(end, last) : load_words(end);
     for (int m = 0; m < R; ++m) {
       const Bits left = broadcast_word(a + m);
       for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
@@ -133,22 +142,25 @@ SLIDE_INLINE void multiply_panel_at(const float* a, const float* b, const std::i
     for (int v = 0; v < V; ++v) P::add_to(c + m * kColumns + v * kWidth, sums[m][v]);
 }
 
-template <typename P, int R>
+template <typename P, int R, int V>
 void multiply_rows_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
-                      float* c, std::int64_t column_count) {
-  if constexpr (kVectors > 2)
-    if (column_count > 2 * kWidth) return multiply_panel_at<P, R, kVectors>(a, b, offsets, depth, c);
-  if (column_count > kWidth) return multiply_panel_at<P, R, 2>(a, b, offsets, depth, c);
-  multiply_panel_at<P, R, 1>(a, b, offsets, depth, c);
+                      float* c, std::int64_t column_count, bool exact) {
+  if constexpr (V > 1)
+    if (column_count <= (V - 1) * kWidth)
+      return multiply_rows_at<P, R, V - 1>(a, b, offsets, depth, c, column_count, exact);
+  const std::int64_t last = column_count - (V - 1) * kWidth;
+  if (exact && last < kWidth) return multiply_panel_at<P, R, V, true>(a, b, offsets, depth, c, last);
+  multiply_panel_at<P, R, V, false>(a, b, offsets, depth, c, last);
 }
 
 template <typename P>
 void multiply_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth, float* c,
-                 std::int64_t row_count, std::int64_t column_count) {
-  if (row_count > 4) return multiply_rows_at<P, kRows>(a, b, offsets, depth, c, column_count);
-  if (row_count > 2) return multiply_rows_at<P, 4>(a, b, offsets, depth, c, column_count);
-  if (row_count > 1) return multiply_rows_at<P, 2>(a, b, offsets, depth, c, column_count);
-  multiply_rows_at<P, 1>(a, b, offsets, depth, c, column_count);
+                 std::int64_t row_count, std::int64_t column_count, bool exact) {
+  if (row_count > 4)
+    return multiply_rows_at<P, kRows, kVectors>(a, b, offsets, depth, c, column_count, exact);
+  if (row_count > 2) return multiply_rows_at<P, 4, kVectors>(a, b, offsets, depth, c, column_count, exact);
+  if (row_count > 1) return multiply_rows_at<P, 2, kVectors>(a, b, offsets, depth, c, column_count, exact);
+  multiply_rows_at<P, 1, kVectors>(a, b, offsets, depth, c, column_count, exact);
 }
 
 /// One vector of words from x[first...first + count·stride), count <= kWidth.
