@@ -1,0 +1,209 @@
+#!/usr/bin/python3
+"""Makes docs/benchmarks.md and its plots from what run.py measured.
+
+  report.py [RESULTS.json [DOCS]]      default: out/peers/results.json docs
+"""
+import json
+import math
+import os
+import sys
+
+LABELS = {
+    'slide-fp32': 'SLIDE fp32', 'slide-bf16': 'SLIDE bf16', 'slide-int8': 'SLIDE int8', 'ort-fp32': 'ONNX Runtime fp32',
+    'ort-fp32-nospin': 'ONNX Runtime fp32, no spinning', 'ort-int8': 'ONNX Runtime int8', 'opencv': 'OpenCV fp32', 'torch-fp32': 'PyTorch fp32',
+    'torch-bf16': 'PyTorch bf16',
+}
+COLOURS = {'slide': '#c0392b', 'ort': '#2471a3', 'opencv': '#7d8c2b', 'torch': '#b9770e'}
+TITLES = {
+    'midas_v21': 'MiDaS v2.1', 'midas_v21_small': 'MiDaS v2.1 small', 'inpaint_coarse': 'Inpainting, coarse', 'inpaint_deepfill': 'Inpainting, coarse and refined',
+    'u2net': 'U²-Net', 'u2netp': 'U²-NetP', 'fba': 'FBA matting', 'slide_depth': 'slide_depth (trained)', 'slide_inpaint': 'slide_inpaint (trained)',
+}
+PAIRS = (('slide-fp32', 'ort-fp32'), ('slide-bf16', 'torch-bf16'), ('slide-int8', 'ort-int8'))
+
+
+def precision(name):
+    return next((p for p in ('bf16', 'int8') if p in name), 'fp32')
+
+
+def title(result):
+    width = ''.join(', width ' + part[1:] for part in result['case'].split('_') if part[:1] == 'w' and part[1:].isdigit())
+    return f'{TITLES[result["network"]]}{width}, {result["size"][0]}×{result["size"][1]}'
+
+
+def by_name(result):
+    return {p['name']: p for p in result['peers']}
+
+
+def measured(result, name):
+    peer = by_name(result).get(name)
+    return peer if peer and peer.get('ms') else None
+
+
+def ratio(result, ours, theirs, value=lambda p: p['ms']):
+    a, b = measured(result, ours), measured(result, theirs)
+    return f'{value(a) / value(b):.2f}' if a and b else '–'
+
+
+def gflop(result):
+    return next((p['gflop'] for p in result['peers'] if 'gflop' in p), None)
+
+
+def peak(machine, threads, kind):
+    """GFLOP/s of the best level with so many threads."""
+    found = [p for p in machine['peaks'] if p['threads'] == threads] if isinstance(machine['peaks'], list) else []
+    return max((p[kind] for p in found), default=0)
+
+
+def of_peak(result, peer, machine):
+    top, work = peak(machine, result['threads'], precision(peer['name'])), gflop(result)
+    if not top or not work:
+        return '–'
+    rate = 1e3 * work / peer['ms']
+    return f'{rate:.0f} ({100 * rate / top:.0f} % of {top:.0f})'
+
+
+def network_table(result, machine):
+    ours = measured(result, 'slide-fp32')
+    lines = ['| runtime | ms | SLIDE fp32 / it | GFLOP/s (of the peak) | load, ms | peak memory, MiB | of which before loading | max error | RMS error |',
+             '|---|--:|--:|--:|--:|--:|--:|--:|--:|']
+    for p in result['peers']:
+        label = LABELS[p['name']]
+        if 'failed' in p:
+            lines.append(f'| {label} | does not run it |' + ' |' * 7)
+        elif p['ms']:
+            against = f'{ours["ms"] / p["ms"]:.2f}' if ours else '–'
+            lines.append(f'| {label} | {p["ms"]:.1f} | {against} | {of_peak(result, p, machine)} | {p["load_ms"]:.1f} | {p["peak_kib"] / 1024:.0f} | '
+                         f'{p["base_kib"] / 1024:.0f} | {p["max_error"]:.1e} | {p["rms_error"]:.1e} |')
+    return lines
+
+
+def summary_table(results):
+    lines = ['| network | threads | GFLOP | SLIDE fp32, ms | ' + ' | '.join(f'{LABELS[a]} / {LABELS[b]}' for a, b in PAIRS) +
+             ' | RMS error / ONNX Runtime\'s | memory above the start / ONNX Runtime\'s | load / ONNX Runtime\'s |', '|---|--:|--:|--:|' + '--:|' * (len(PAIRS) + 3)]
+    for r in results['networks']:
+        ours = measured(r, 'slide-fp32')
+        if not ours:
+            continue
+        cells = [title(r), str(r['threads']), f'{gflop(r):.1f}', f'{ours["ms"]:.1f}'] + [ratio(r, *pair) for pair in PAIRS]
+        fp32 = PAIRS[0]
+        cells += [ratio(r, *fp32, lambda p: p['rms_error']), ratio(r, *fp32, lambda p: p['peak_kib'] - p['base_kib']), ratio(r, *fp32, lambda p: p['load_ms'])]
+        lines.append('| ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+def peak_table(machine):
+    lines = ['| level | threads | fp32, GFLOP/s | bf16, GFLOP/s | int8, GOP/s | read, GB/s | copy, GB/s |', '|---|--:|--:|--:|--:|--:|--:|']
+    for p in machine['peaks'] if isinstance(machine['peaks'], list) else []:
+        cells = [f'{p[k]:.0f}' if p[k] else '–' for k in ('fp32', 'bf16', 'int8', 'read', 'copy')]
+        lines.append(f'| {p["isa"]} | {p["threads"]} | ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+# Plots: time to the right, RMS error upwards, both logarithmic.
+
+W, H, LEFT, RIGHT, TOP, BOTTOM = 640, 360, 62, 20, 34, 46
+
+
+class Axis:
+    def __init__(self, values, start, end):
+        low, high = math.log10(min(values)), math.log10(max(values))
+        margin = max(.08 * (high - low), .1)
+        self.low, self.high, self.start, self.end = low - margin, high + margin, start, end
+
+    def at(self, value):
+        return self.start + (math.log10(value) - self.low) / (self.high - self.low) * (self.end - self.start)
+
+    def ticks(self):
+        steps = (1,) if self.high - self.low > 2.5 else (1, 2, 5)
+        found = [step * 10. ** e for e in range(math.floor(self.low) - 1, math.ceil(self.high) + 1) for step in steps]
+        return [v for v in found if self.low <= math.log10(v) <= self.high]
+
+
+def text(x, y, content, anchor='start', size=12, colour='#333'):
+    return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" text-anchor="{anchor}" fill="{colour}">{content}</text>'
+
+
+def plot(result):
+    points = [p for p in result['peers'] if p.get('ms') and 0 < p['rms_error'] < math.inf]
+    if len(points) < 2:
+        return None
+    x = Axis([p['ms'] for p in points], LEFT, W - RIGHT - 110)
+    y = Axis([p['rms_error'] for p in points], H - BOTTOM, TOP)
+    out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {W} {H}" font-family="sans-serif">', f'<rect width="{W}" height="{H}" fill="#fff"/>',
+           text(LEFT, 20, f'{title(result)}, {result["threads"]} threads', size=14)]
+    for v in x.ticks():
+        out.append(f'<path d="M{x.at(v):.1f} {TOP}V{H - BOTTOM}" stroke="#e4e4e4"/>' + text(x.at(v), H - BOTTOM + 16, f'{v:g}', 'middle', 11))
+    for v in y.ticks():
+        out.append(f'<path d="M{LEFT} {y.at(v):.1f}H{W - RIGHT}" stroke="#e4e4e4"/>' + text(LEFT - 6, y.at(v) + 4, f'{v:.0e}', 'end', 11))
+    out.append(text(W / 2, H - 10, 'milliseconds (left is faster)', 'middle'))
+    out.append(f'<g transform="translate(14 {H / 2}) rotate(-90)">{text(0, 0, "RMS error (down is better)", "middle")}</g>')
+    last = -1e9
+    for p in sorted(points, key=lambda p: y.at(p['rms_error'])):
+        colour, px, py = COLOURS[p['name'].split('-')[0]], x.at(p['ms']), y.at(p['rms_error'])
+        label = last = max(py + 4, last + 13)  # labels below one another where points are close
+        out.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{colour}"/>' + text(px + 9, label, LABELS[p['name']], colour=colour))
+    return '\n'.join(out + ['</svg>', ''])
+
+
+def stage_lines(results):
+    lines = ['## Layering, and a whole 3D photo', '']
+    for r in results.get('layering', []):
+        if 'ms' in r:
+            error = max(e['rms'] for e in r['error'].values())
+            lines.append(f'- Soft layering at 672×1008, {r["threads"]} thread(s): {r["ms"]:.1f} ms, peak memory {r["peak_kib"] / 1024:.0f} MiB, RMS error at most {error:.1e}.')
+    for r in results.get('slide_run', []):
+        if 'seconds' in r:
+            stages = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in r['stages'].items())
+            lines.append(f'- `slide_run` from a photo of 1008×672 to the last of {r["frames"]} frames (Y4M), {r["threads"]} thread(s): {r["seconds"]:.2f} s, '
+                         f'peak memory {r["peak_bytes"] / 2**20:.0f} MiB ({stages}; the rest is rendering and files).')
+    return lines
+
+
+def versions(results):
+    found = {p['name'].split('-')[0]: p['version'] for r in results['networks'] for p in r['peers'] if 'version' in p}
+    return ', '.join(('SLIDE ' if kind == 'slide' else '') + version for kind, version in sorted(found.items()))
+
+
+INTRO = '''# Benchmarks
+
+Made by `benchmarks/peers/report.py` from a run of `benchmarks/peers/run.sh`; [benchmarks/peers/README.md](../benchmarks/peers/README.md) says how
+it is measured and how to repeat it.
+
+- **Time**: the median over rounds. In a round every runtime runs once, in turn, while the others wait; rounds in which other programs took more than
+  3 % of the machine do not count.
+- **Load**: from the model's file to a session, plan or module that is ready to run. **Memory**: the highest resident size of the process; a peer's holds its
+  interpreter, therefore what it was before the model was loaded stands beside it.
+- **Errors** are those of the worst output against PyTorch in float64, relative to the output's largest magnitude and to its root mean square. The networks have
+  made-up weights unless "trained" is said. Networks of random weights amplify rounding more than trained ones do: compare runtimes, not networks.
+- **Of the peak**: multiplications of the network's definition against what the machine does at most in that precision with as many threads. Winograd
+  convolutions multiply less than the definition, so that more than 100 % is possible.
+'''
+
+
+def main():
+    source = sys.argv[1] if len(sys.argv) > 1 else 'out/peers/results.json'
+    docs = sys.argv[2] if len(sys.argv) > 2 else 'docs'
+    with open(source) as f:
+        results = json.load(f)
+    machine = results['machine']
+    os.makedirs(f'{docs}/pictures', exist_ok=True)
+    lines = [INTRO, f'Machine: {machine["cpu"]}, {machine["cores"]} cores. {versions(results)}.', '']
+    if results.get('forced'):
+        lines += ['**Other programs were running: these numbers mean nothing.**', '']
+    lines += ['## Summary', '', 'Ratios of medians; below 1 SLIDE is faster, more exact, smaller.', '', *summary_table(results), '', '## What the machine can do', '',
+              *peak_table(machine), '', *stage_lines(results), '']
+    for result in results['networks']:
+        lines += [f'## {title(result)}, {result["threads"]} thread{"s" if result["threads"] > 1 else ""}', '']
+        picture = plot(result) if result['threads'] == max(r['threads'] for r in results['networks']) else None
+        if picture:
+            with open(f'{docs}/pictures/speed_{result["case"]}.svg', 'w') as f:
+                f.write(picture)
+            lines += [f'![Error against time](pictures/speed_{result["case"]}.svg)', '']
+        lines += [*network_table(result, machine), '', f'{result["quiet_rounds"]} rounds.', '']
+    with open(f'{docs}/benchmarks.md', 'w') as f:
+        f.write('\n'.join(lines).rstrip() + '\n')
+    print(f'wrote {docs}/benchmarks.md')
+
+
+if __name__ == '__main__':
+    main()
