@@ -7,7 +7,7 @@
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/conv2d/conv2d_method.h"
 #include "ops/conv2d/conv2d_routines.h"
-#include "ops/conv2d/winograd_matrices.h"
+#include "ops/conv2d/winograd_error.h"
 #include "ops/conv2d/winograd_routines.h"
 #include "runtime/precision.h"
 
@@ -47,8 +47,6 @@ class Conv2dWinogradBase {
   /// Whether it can, and is worth it: enough channels and tiles.
   [[nodiscard]] static bool pays(int tile, const Conv2dGeometry& geometry,
                                  const Conv2dFusion& fusion) noexcept;
-  static void error_scale(int tile, const Conv2dGeometry& g, std::span<const Tensor> inputs,
-                          std::span<double> scale);
 
  private:
   struct Strip;
@@ -106,7 +104,7 @@ class Conv2dWinograd : public Conv2dWinogradBase {
 
   /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
-    Conv2dWinogradBase::error_scale(Tile, g, inputs, scale);
+    winograd_error_scale(Tile, g, inputs, scale);
   }
 };
 

@@ -1,4 +1,4 @@
-#include "ops/conv2d/conv2d_winograd.h"
+#include "ops/conv2d/winograd_matrices.h"
 
 #include <doctest/doctest.h>
 
