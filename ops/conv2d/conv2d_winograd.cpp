@@ -36,7 +36,7 @@ const WinogradRoutines& winograd_routines(Isa isa) {
 namespace {
 
 constexpr std::int64_t kTaskTiles = 64;      // enough products for each weight that streams by
-constexpr std::int64_t kTaskRows = 48;       // with kTaskTiles, 36 frequencies take 432 KiB
+constexpr std::int64_t kTaskRows = 64;       // with kTaskTiles, 36 frequencies take 432 KiB
 constexpr std::int64_t kMinTaskRows = 12;    // fewer read the transformed tiles too often
 constexpr std::int64_t kFewTasks = 16;       // with fewer in a shared strip, tasks have fewer rows
 constexpr std::int64_t kFewStrips = 8;       // with fewer, threads share them

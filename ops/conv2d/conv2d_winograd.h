@@ -28,7 +28,16 @@ namespace slide::ops {
 /// They are relative to
 ///   s = |Aᵀ| [(|G| |w| |Gᵀ|) ⊙ (|Bᵀ| |x| |B|) summed over the channels] |A| + |b|
 /// (error_scale()), not to |w| ∗ |x|: |y - y64| <= c·u·s. Sums of large numbers of both signs may come out
-/// worse than from a direct convolution, and an infinite or NaN input spoils its tile.
+/// worse than from a direct convolution, and an infinite or NaN input spoils its tile. Of normal random
+/// inputs and weights, RMS error relative to the result's RMS, in 1e-7:
+///
+///   channels                       16   64  256  512
+///   direct, summed in order       2.2  4.3  8.5   12
+///   Conv2dGemm                    1.1  1.3  1.8  2.1
+///   F(2)                          1.4  1.6  2.0  2.4
+///   F(4)                          4.3  4.9  6.2  7.3
+///   F(4) with 0, ±1, ±2, ∞        8.7   10   13   13
+///   F(6)                           19   21   26   31
 class Conv2dWinogradBase {
  public:
   static constexpr Precision kPrecision = Precision::kFp32;

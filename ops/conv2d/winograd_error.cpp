@@ -29,7 +29,7 @@ std::vector<double> sandwich(const std::vector<std::vector<double>>& a, const st
   return y;
 }
 
-// u times it is 2^-126: each operand, product and sum may be flushed to zero below that, with some room for
+// Operands, products and sums below 2^-126 may be flushed to zero. u times this is 16 times that: room for
 // the steps of a transform.
 constexpr double kUnderflow = 0x1p-98;
 
