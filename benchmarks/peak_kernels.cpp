@@ -64,8 +64,7 @@ void bf16(std::int64_t n) {
   __m512i bits = _mm512_set1_epi16(0x3f80);  // 1 in bfloat16
   SLIDE_KEEP(bits);
   const auto a = reinterpret_cast<__m512bh>(bits);
-  __m512 sums[kSums];
-  for (__m512& sum : sums) sum = _mm512_setzero_ps();
+  __m512 sums[kSums] = {};
   for (std::int64_t i = 0; i < n; ++i)
 #pragma GCC unroll 20
     for (int j = 0; j < kSums; ++j) {
@@ -77,8 +76,7 @@ void bf16(std::int64_t n) {
 void int8(std::int64_t n) {
   __m512i a = _mm512_set1_epi8(1);
   SLIDE_KEEP(a);
-  __m512i sums[kSums];
-  for (__m512i& sum : sums) sum = _mm512_setzero_si512();
+  __m512i sums[kSums] = {};
   for (std::int64_t i = 0; i < n; ++i)
 #pragma GCC unroll 20
     for (int j = 0; j < kSums; ++j) {

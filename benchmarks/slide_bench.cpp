@@ -19,6 +19,7 @@
 #include "graphs/compare.h"
 #include "graphs/formula_weights.h"
 #include "graphs/layering.h"
+#include "ops/fusion/fusion.h"
 #include "runtime/cpu.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
@@ -88,7 +89,7 @@ std::unique_ptr<Graph> layering_graph(std::int64_t height, std::int64_t width) {
 /// A network, its weights and inputs, ready to run.
 class Bench {
  public:
-  explicit Bench(const Arguments& a) : arguments_(a) {
+  explicit Bench(const Arguments& a) {
     if (!a.inputs.empty()) case_.emplace(SafetensorsFile::open(a.inputs));
     const auto [height, width] = a.size.empty() ? size_of_case() : parse_size(a.size);
     base_kib_ = status_kib("VmHWM");
@@ -101,6 +102,7 @@ class Bench {
         a.network == kLayering
             ? layering_graph(height, width)
             : graphs::build_model(a.network, {.height = height, .width = width, .weights = weights_.get()});
+    graph_ = ops::fuse(*graph_);
     executor_ = std::make_unique<FastExecutor>(*graph_, *weights_, fast_options(a));
     load_ms_ = milliseconds_since(start);
     make_inputs();
@@ -211,7 +213,6 @@ class Bench {
     write_safetensors(path, tensors);
   }
 
-  const Arguments& arguments_;
   std::optional<SafetensorsFile> case_;
   std::unique_ptr<WeightSource> weights_;
   std::unique_ptr<Graph> graph_;

@@ -273,7 +273,7 @@ def parse():
     options = parser.parse_args()
     options.peers = options.peers.split(',') if options.peers else list(PEERS)
     options.threads = [2] if options.quick and options.threads == '2,1' else [int(t) for t in options.threads.split(',')]
-    options.budget = options.budget or (3 if options.quick else 12)
+    options.budget = options.budget or (3 if options.quick else 9)
     options.results = options.results or f'{options.out}/results.json'
     for name, program in (('slide_bench', 'slide_bench'), ('slide_run', 'slide_run'), ('peak', 'peak_benchmark')):
         setattr(options, name, f'{options.build}/bin/{program}')
