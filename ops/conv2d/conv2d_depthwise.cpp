@@ -4,13 +4,16 @@
 #include <atomic>
 #include <cstring>
 
-#include "runtime/tensor.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
 namespace {
 
-std::int64_t round_up(std::int64_t value, std::int64_t unit) { return (value + unit - 1) / unit * unit; }
+constexpr std::int64_t kChunk = 2048;  // sums in flight: they stay in the first-level cache
+
+std::int64_t aligned(std::int64_t count) {
+  return (count + kRowAlignment - 1) / kRowAlignment * kRowAlignment;
+}
 
 }  // namespace
 
@@ -19,47 +22,36 @@ Conv2dDepthwise::Conv2dDepthwise(const Conv2dRoutines& routines, const Conv2dGeo
     : routines_(routines),
       g_(geometry),
       relu_input_(fusion.relu_input),
-      relu_(unary_row(UnaryOp(UnaryKind::kRelu), pointwise_routines_of(routines.isa))),
-      epilogue_(fusion, routines.isa) {
-  rows_ = (g_.oheight - 1) * g_.stride_y + (g_.kheight - 1) * g_.dilation_y + 1;
-  // The last tap starts at (kw - 1)·dilation / stride; from there whole vectors up to the last column are
-  // read.
-  phase_size_ = round_up((g_.kwidth - 1) * g_.dilation_x / g_.stride_x + round_up(g_.owidth, kRowAlignment),
-                         kRowAlignment);
+      epilogue_(fusion, routines.isa, true),
+      plane_width_(g_.owidth + (g_.kwidth - 1) * g_.dilation_x / g_.stride_x),
+      plane_rows_(g_.oheight + (g_.kheight - 1) * g_.dilation_y / g_.stride_y),
+      chunk_rows_(std::clamp<std::int64_t>(kChunk / plane_width_, 1, g_.oheight)) {
+  for (std::int64_t u = 0; u < g_.kheight; ++u)
+    for (std::int64_t v = 0; v < g_.kwidth; ++v) {
+      const std::int64_t y = u * g_.dilation_y;
+      const std::int64_t x = v * g_.dilation_x;
+      const std::int64_t phase = y % g_.stride_y * g_.stride_x + x % g_.stride_x;
+      offsets_.push_back(static_cast<std::int32_t>((phase * plane_rows_ + y / g_.stride_y) * plane_width_ +
+                                                   x / g_.stride_x));
+    }
 }
 
-std::int64_t Conv2dDepthwise::thread_bytes() const noexcept {
-  const std::int64_t plane = rows_ * g_.stride_x * phase_size_ * static_cast<std::int64_t>(sizeof(float));
-  const std::int64_t taps = g_.kheight * g_.kwidth * static_cast<std::int64_t>(sizeof(const float*));
-  return plane + round_up(taps, Tensor::kAlignment);
+/// All phases, and what whole vectors read behind them.
+std::int64_t Conv2dDepthwise::padded_size() const noexcept {
+  return aligned(g_.stride_y * g_.stride_x * plane_rows_ * plane_width_ + kRowAlignment);
+}
+
+std::int64_t Conv2dDepthwise::thread_size() const noexcept {
+  return padded_size() + aligned(chunk_rows_ * plane_width_);
 }
 
 std::size_t Conv2dDepthwise::scratch_bytes() const noexcept {
-  return static_cast<std::size_t>(std::min<std::int64_t>(thread_count(), g_.batch * g_.ic) * thread_bytes());
+  return static_cast<std::size_t>(std::min<std::int64_t>(thread_count(), g_.batch * g_.ic) * thread_size()) *
+         sizeof(float);
 }
 
 double Conv2dDepthwise::error_factor() const noexcept {
   return 1.001 * static_cast<double>(g_.depth() + (routines_.fused ? 0 : 1));
-}
-
-void Conv2dDepthwise::pad_plane(const float* x, float* padded) const {
-  for (std::int64_t row = 0; row < rows_; ++row) {
-    const std::int64_t i = row - g_.top;
-    for (std::int64_t phase = 0; phase < g_.stride_x; ++phase, padded += phase_size_) {
-      if (i < 0 || i >= g_.height) {
-        std::fill_n(padded, phase_size_, 0.0F);
-        continue;
-      }
-      const TapRange inside = tap_range(phase - g_.left, g_.stride_x, g_.width, phase_size_);
-      const float* source = x + i * g_.width + phase - g_.left;
-      std::fill(padded, padded + inside.first, 0.0F);
-      if (g_.stride_x == 1)
-        std::copy(source + inside.first, source + inside.last, padded + inside.first);
-      else
-        for (std::int64_t j = inside.first; j < inside.last; ++j) padded[j] = source[j * g_.stride_x];
-      std::fill(padded + inside.last, padded + phase_size_, 0.0F);
-    }
-  }
 }
 
 std::size_t Conv2dDepthwise::packed_bytes() const noexcept {
@@ -74,42 +66,52 @@ double Conv2dDepthwise::macs() const noexcept {
   return static_cast<double>(g_.batch * g_.oc * g_.oplane()) * static_cast<double>(g_.depth());
 }
 
+void Conv2dDepthwise::pad_plane(const float* x, float* padded) const {
+  const auto fill = routines_.fill_row[static_cast<std::size_t>(Precision::kFp32)];
+  for (std::int64_t row = 0; row < plane_rows_ * g_.stride_y; ++row) {
+    const std::int64_t i = row - g_.top;
+    const bool inside = i >= 0 && i < g_.height;
+    const WordRow source{{inside ? x + i * g_.width : nullptr}, 0, 1, relu_input_};
+    for (std::int64_t phase = 0; phase < g_.stride_x; ++phase) {
+      const std::int64_t plane = row % g_.stride_y * g_.stride_x + phase;
+      fill(source, inside ? g_.width : 0, phase - g_.left, g_.stride_x, 0.0F,
+           padded + (plane * plane_rows_ + row / g_.stride_y) * plane_width_, plane_width_);
+    }
+  }
+}
+
 void Conv2dDepthwise::run_filter(std::int64_t plane, std::int64_t filter, const float* padded,
-                                 const Conv2dArrays& arrays, const float** taps) const {
+                                 const Conv2dArrays& arrays, float* sums) const {
   const auto* weight =
       static_cast<const float*>(static_cast<const void*>(arrays.packed)) + filter * g_.depth();
   const float bias = arrays.bias != nullptr ? arrays.bias[filter] : 0.0F;
   const std::int64_t at = (plane / g_.ic * g_.oc + filter) * g_.oplane();
-  for (std::int64_t i = 0; i < g_.oheight; ++i) {
-    for (std::int64_t u = 0; u < g_.kheight; ++u)
-      for (std::int64_t v = 0; v < g_.kwidth; ++v) {
-        const std::int64_t row = i * g_.stride_y + u * g_.dilation_y;
-        const std::int64_t column = v * g_.dilation_x;
-        taps[u * g_.kwidth + v] =
-            padded + (row * g_.stride_x + column % g_.stride_x) * phase_size_ + column / g_.stride_x;
-      }
-    float* y = arrays.y + at + i * g_.owidth;
-    routines_.depthwise_row({taps, weight, g_.depth(), bias}, y, g_.owidth);
-    if (!epilogue_.empty(arrays.residual))
-      epilogue_.finish(y, arrays.residual != nullptr ? arrays.residual + at + i * g_.owidth : nullptr, y,
-                       g_.owidth);
+  for (std::int64_t first = 0; first < g_.oheight; first += chunk_rows_) {
+    const std::int64_t rows = std::min(chunk_rows_, g_.oheight - first);
+    routines_.depthwise_row({padded + first * plane_width_, offsets_.data(), weight, g_.depth(), bias,
+                             epilogue_.low(), epilogue_.high()},
+                            sums, (rows - 1) * plane_width_ + g_.owidth);
+    for (std::int64_t i = 0; i < rows; ++i) {
+      const std::int64_t row = at + (first + i) * g_.owidth;
+      epilogue_.finish(sums + i * plane_width_, arrays.residual != nullptr ? arrays.residual + row : nullptr,
+                       arrays.y + row, g_.owidth);
+    }
   }
 }
 
 void Conv2dDepthwise::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
-  const std::int64_t slots = static_cast<std::int64_t>(scratch.size()) / thread_bytes();
+  auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
+  const std::int64_t slots = static_cast<std::int64_t>(scratch.size() / sizeof(float)) / thread_size();
   std::atomic<std::int64_t> next{0};
   parallel_for(slots, [&](std::int64_t slot) {
-    std::byte* memory = scratch.data() + slot * thread_bytes();
-    const std::int64_t plane_size = rows_ * g_.stride_x * phase_size_;
-    auto* padded = static_cast<float*>(static_cast<void*>(memory));
-    auto* taps = static_cast<const float**>(static_cast<void*>(padded + plane_size));
+    float* padded = memory + slot * thread_size();
+    float* sums = padded + padded_size();
+    std::fill(sums - kRowAlignment - kRowAlignment, sums, 0.0F);  // read, and dropped
     for (std::int64_t plane = next++; plane < g_.batch * g_.ic; plane = next++) {
       pad_plane(arrays.x + plane * g_.plane(), padded);
-      if (relu_input_) relu_(padded, padded, static_cast<std::size_t>(plane_size));
       const std::int64_t group = plane % g_.ic;
       for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o)
-        run_filter(plane, o, padded, arrays, taps);
+        run_filter(plane, o, padded, arrays, sums);
     }
   });
 }

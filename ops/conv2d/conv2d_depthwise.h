@@ -2,17 +2,17 @@
 
 #include <cstddef>
 #include <span>
+#include <vector>
 
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/conv2d/conv2d_method.h"
 #include "ops/conv2d/conv2d_routines.h"
-#include "ops/pointwise/unary_row.h"
 
 namespace slide::ops {
 
 /// A convolution whose groups have one input channel each, directly: a task takes one channel, copies it into
-/// a padded plane whose rows are split by the stride (columns 0, s, 2s, ..., then 1, s + 1, ...), so that
-/// every tap of every row is a run of adjacent numbers, and sums the taps row by row in registers.
+/// padded planes that are split by the stride (conv2d_direct.h), so that every tap of all output positions is
+/// a run of adjacent numbers, and sums the taps in registers; the positions in the padding are dropped.
 ///
 /// Error: the bias and the products are summed in order, kh·kw roundings.
 class Conv2dDepthwise {
@@ -21,7 +21,7 @@ class Conv2dDepthwise {
   Conv2dDepthwise(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                   const Conv2dFusion& fusion = {});
 
-  /// Whether the geometry has one input channel to a group.
+  /// Whether there is one input channel to a group, and no gate.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept {
     return geometry.group_ic == 1 && !fusion.upsample_input && !fusion.gate;
   }
@@ -38,16 +38,17 @@ class Conv2dDepthwise {
  private:
   void pad_plane(const float* x, float* padded) const;
   void run_filter(std::int64_t plane, std::int64_t filter, const float* padded, const Conv2dArrays& arrays,
-                  const float** taps) const;
-  [[nodiscard]] std::int64_t thread_bytes() const noexcept;
+                  float* sums) const;
+  [[nodiscard]] std::int64_t padded_size() const noexcept;
+  [[nodiscard]] std::int64_t thread_size() const noexcept;
 
   const Conv2dRoutines& routines_;
   Conv2dGeometry g_;
   bool relu_input_;
-  UnaryRow relu_;
   Conv2dEpilogue epilogue_;
-  std::int64_t rows_;        // of the padded plane that are read
-  std::int64_t phase_size_;  // numbers of a row's phase
+  std::int64_t plane_width_, plane_rows_;  // of one phase
+  std::int64_t chunk_rows_;                // of output rows whose sums are in flight
+  std::vector<std::int32_t> offsets_;      // of the taps
 };
 
 }  // namespace slide::ops

@@ -112,7 +112,8 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       upsampled_(fusion.upsample_input),
       relu_input_(fusion.relu_input),
       in_place_(precision == Precision::kFp32 && !upsampled_ && !relu_input_ && reads_once(g_)),
-      epilogue_(fusion, routines.isa),
+      epilogue_(fusion, routines.isa, true),
+      residual_(fusion.residual),
       in_height_(upsampled_ ? g_.height / 2 : g_.height),
       in_width_(upsampled_ ? g_.width / 2 : g_.width),
       rows_out_(upsampled_ ? in_height_ : g_.oheight),
@@ -326,72 +327,67 @@ Conv2dDirect::Task Conv2dDirect::task(std::int64_t index) const noexcept {
   return t;
 }
 
-/// Biases, or for integers what the zero point adds to each sum, taken off.
-void Conv2dDirect::start_tile(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
-                              float* tile) const {
+/// Whether positions follow each other in y as they do in the planes and nothing is left to do after the
+/// sums: then the products are written straight to y.
+bool Conv2dDirect::writes_y() const noexcept {
+  return plane_width_ == columns_out_ && !gated_ && !upsampled_ && !residual_ && epilogue_.empty(nullptr);
+}
+
+/// Words k, ..., of a panel of weights times all positions of the task.
+void Conv2dDirect::run_panel(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
+                             std::int64_t panel, std::int64_t k, const float* b, float* tile) const {
   const std::int64_t rows = routines_.rows;
-  const std::int64_t all_rows = variants_ * g_.groups * panels_ * rows;
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t first_row =
+      ((t.variant * g_.groups + t.group) * panels_ + panel) * rows;  // of all packed
   const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
-  const float* sums = packed + all_rows * (depth_ + 1);
-  for (std::int64_t row = t.first_panel * rows; row < t.last_panel * rows; ++row) {
-    float start = 0;
-    if (precision_ == Precision::kInt8) {
-      const std::int64_t at = ((t.variant * g_.groups + t.group) * panels_) * rows + row;
-      start =
-          std::bit_cast<float>(-static_cast<std::int32_t>(q.zero) * std::bit_cast<std::int32_t>(sums[at]));
-    } else if (arrays.bias != nullptr && row < g_.group_oc) {
-      start = arrays.bias[channel_of_row(t.group, row)];
-    }
-    // Columns of a panel are adjacent, panels of positions follow each other: see run_task().
-    for (std::int64_t column = 0; column < task_columns_; column += routines_.columns) {
-      float* to = tile + (column * (t.last_panel - t.first_panel) * rows) +
-                  (row - t.first_panel * rows) * routines_.columns;
-      for (std::int64_t j = 0; j < routines_.columns; ++j) std::memcpy(to + j, &start, sizeof start);
-    }
+  const float* steps = packed + variants_ * g_.groups * panels_ * rows * depth_;
+  const float* sums = steps + variants_ * g_.groups * panels_ * rows;
+  std::array<float, 16> start{};
+  std::array<float, 16> step{};
+  std::array<float, 16> bias{};
+  const std::int64_t row_count = std::min(rows, g_.group_oc - panel * rows);
+  for (std::int64_t m = 0; m < row_count; ++m) {
+    const auto at = static_cast<std::size_t>(m);
+    if (arrays.bias != nullptr) bias[at] = arrays.bias[channel_of_row(t.group, panel * rows + m)];
+    start[at] = bias[at];
+    if (precision_ != Precision::kInt8) continue;
+    // What the zero point adds to each sum is taken off.
+    start[at] = std::bit_cast<float>(-static_cast<std::int32_t>(q.zero) *
+                                     std::bit_cast<std::int32_t>(sums[first_row + m]));
+    step[at] = steps[first_row + m] * q.step;
+  }
+  const std::int64_t depth = std::min(block_depth_, depth_ - k);
+  for (std::int64_t column = 0; column < t.count; column += columns) {
+    float* part = tile + (column * (t.last_panel - t.first_panel) + (panel - t.first_panel) * columns) * rows;
+    const std::int64_t channel = t.image * g_.oc + t.group * g_.group_oc + panel * rows;
+    float* y = writes_y() ? arrays.y + channel * g_.oplane() + t.first + column : part;
+    routines_.multiply_words[static_cast<std::size_t>(precision_)](
+        {packed + first_row * depth_ + k * rows, b + column, offsets_.data() + t.variant * depth_ + k, depth,
+         row_count, std::min(columns, t.count - column), in_place_, k == 0 ? start.data() : nullptr, part,
+         k + depth == depth_, step.data(), bias.data(), epilogue_.low(), epilogue_.high(), y,
+         writes_y() ? g_.oplane() : columns});
   }
 }
 
 void Conv2dDirect::run_task(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
                             const float* planes, float* tile) const {
-  const std::int64_t rows = routines_.rows;
-  const std::int64_t columns = routines_.columns;
-  const std::int64_t task_rows = (t.last_panel - t.first_panel) * rows;
-  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed)) +
-                       (t.variant * g_.groups + t.group) * panels_ * depth_ * rows;
   const std::int64_t phases = g_.stride_y * g_.stride_x;
   const float* b = planes + (t.image * g_.groups + t.group) * group_words_ * phases * plane_size_ + t.first;
-  const std::int32_t* offsets = offsets_.data() + t.variant * depth_;
-  start_tile(t, arrays, q, tile);
-  const auto multiply = routines_.multiply_at[static_cast<std::size_t>(precision_)];
-  for (std::int64_t k = 0; k < depth_; k += block_depth_) {
-    const std::int64_t block = std::min(block_depth_, depth_ - k);
+  for (std::int64_t k = 0; k < depth_; k += block_depth_)
     for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
-      for (std::int64_t column = 0; column < t.count; column += columns)
-        multiply(packed + (panel * depth_ + k) * rows, b + column, offsets + k, block,
-                 tile + column * task_rows + (panel - t.first_panel) * rows * columns,
-                 std::min(rows, g_.group_oc - panel * rows), std::min(columns, t.count - column), in_place_);
-  }
-  write_tile(t, arrays, q, tile);
+      run_panel(t, arrays, q, panel, k, b, tile);
+  if (!writes_y()) write_tile(t, arrays, tile);
 }
 
-void Conv2dDirect::write_tile(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
-                              float* tile) const {
+void Conv2dDirect::write_tile(const Task& t, const Conv2dArrays& arrays, float* tile) const {
   const std::int64_t rows = routines_.rows;
   const std::int64_t columns = routines_.columns;
-  const std::int64_t task_rows = (t.last_panel - t.first_panel) * rows;
   const std::int64_t first_row = t.first_panel * rows;
   const std::int64_t last_row = std::min(t.last_panel * rows, g_.group_oc);
-  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
-  const float* steps = packed + variants_ * g_.groups * panels_ * rows * depth_ +
-                       (t.variant * g_.groups + t.group) * panels_ * rows;
   for (std::int64_t column = 0; column < t.count; column += columns) {
     const std::int64_t count = std::min(columns, t.count - column);
-    float* panel = tile + column * task_rows;
-    if (precision_ == Precision::kInt8)
-      for (std::int64_t row = first_row; row < last_row; ++row) {
-        const float bias = arrays.bias != nullptr ? arrays.bias[channel_of_row(t.group, row)] : 0.0F;
-        routines_.dequantise(panel + (row - first_row) * columns, columns, steps[row] * q.step, bias);
-      }
+    float* panel = tile + column * (t.last_panel - t.first_panel) * rows;
     for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
       float* sums = panel + (row - first_row) * columns;
       if (gated_) routines_.gate(sums, sums + columns, sums, count);

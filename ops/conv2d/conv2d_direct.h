@@ -63,10 +63,10 @@ class Conv2dDirect {
                   float* planes) const;
   void run_task(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser, const float* planes,
                 float* tile) const;
-  void start_tile(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser,
-                  float* tile) const;
-  void write_tile(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser,
-                  float* tile) const;
+  void run_panel(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser, std::int64_t panel,
+                 std::int64_t k, const float* b, float* tile) const;
+  void write_tile(const Task& task, const Conv2dArrays& arrays, float* tile) const;
+  [[nodiscard]] bool writes_y() const noexcept;
   void write_row(const Task& task, const Conv2dArrays& arrays, std::int64_t channel, float* sums,
                  std::int64_t first, std::int64_t count) const;
 
@@ -76,6 +76,7 @@ class Conv2dDirect {
   bool gated_, upsampled_, relu_input_;
   bool in_place_;  // the planes are x
   Conv2dEpilogue epilogue_;
+  bool residual_;
   std::int64_t in_height_, in_width_;    // of x
   std::int64_t rows_out_, columns_out_;  // of output positions, for one variant
   std::int64_t taps_;                    // of one input channel

@@ -6,11 +6,19 @@
 
 namespace slide::ops {
 
-Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa) {
+Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps) {
   const PointwiseRoutines& routines = pointwise_routines_of(isa);
   add_ = routines.binary[static_cast<std::size_t>(BinaryKind::kAdd)];
   if (!fusion.activation) return;
   const UnaryRow row = unary_row(*fusion.activation, routines);
+  if (clamps && !fusion.residual && !fusion.gate) {
+    const UnaryKind kind = fusion.activation->kind();
+    if (kind == UnaryKind::kRelu || kind == UnaryKind::kRelu6 || kind == UnaryKind::kClip) {
+      low_ = kind == UnaryKind::kClip ? row.a : 0;
+      if (kind != UnaryKind::kRelu) high_ = kind == UnaryKind::kClip ? row.b : 6;
+      return;
+    }
+  }
   function_ = row.function;
   a_ = row.a;
   b_ = row.b;

@@ -121,8 +121,9 @@ SLIDE_INLINE void depthwise_block(const DepthwiseRow& row, std::int64_t j, Float
   for (std::int64_t t = 0; t < row.count; ++t) {
     const Float weight = simd::broadcast(row.weight[t]);
     for (int v = 0; v < V; ++v)
-      sums[v] = simd::fma(weight, simd::load(row.taps[t] + j + v * kWidth), sums[v]);
+      sums[v] = simd::fma(weight, simd::load(row.x + row.offsets[t] + j + v * kWidth), sums[v]);
   }
+  for (int v = 0; v < V; ++v) sums[v] = cut(sums[v], row.low, row.high);
 }
 
 void depthwise_row(const DepthwiseRow& row, float* y, std::int64_t count) {
@@ -153,8 +154,9 @@ const Conv2dRoutines conv2d_routines {
 #else
       false,
 #endif
-      kRows, kColumns, multiply, pack_columns, {multiply_at<Fp32>, multiply_at<Bf16>, multiply_at<Int8>},
-      {fill_row<Fp32>, fill_row<Bf16>, fill_row<Int8>}, range, dequantise, gate, depthwise_row
+      kRows, kColumns, multiply, pack_columns,
+      {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>},
+      {fill_row<Fp32>, fill_row<Bf16>, fill_row<Int8>}, range, gate, depthwise_row
 };
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <limits>
 #include <memory>
 #include <optional>
 #include <string>
@@ -48,7 +49,12 @@ struct Conv2dArrays {
 /// The end of a convolution, for rows of finished sums: residual, activation, gate.
 class Conv2dEpilogue {
  public:
-  Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa);
+  /// With `clamps` the method cuts its sums to [low(), high()] itself, which then stands for an activation
+  /// that does no more than that and comes right after the sums.
+  Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps = false);
+
+  [[nodiscard]] float low() const noexcept { return low_; }
+  [[nodiscard]] float high() const noexcept { return high_; }
 
   /// Whether there is nothing to do.
   [[nodiscard]] bool empty(const float* residual) const noexcept {
@@ -65,6 +71,8 @@ class Conv2dEpilogue {
   Function function_ = nullptr;
   Add add_ = nullptr;
   float a_ = 0, b_ = 0;
+  float low_ = -std::numeric_limits<float>::infinity();
+  float high_ = std::numeric_limits<float>::infinity();
 };
 
 }  // namespace slide::ops

@@ -19,13 +19,33 @@ struct ColumnSource {
   std::int64_t top, left;
 };
 
-/// A depthwise filter over a plane that was padded and split into phases: output column j reads phase
-/// offset % stride at offset / stride + j.
+/// A depthwise filter over padded planes split by the stride: tap t of output position p is x[offsets[t] +
+/// p].
 struct DepthwiseRow {
-  const float* const* taps;  ///< for each tap where output column 0 reads
-  const float* weight;       ///< for each tap
-  std::int64_t count;        ///< of taps
+  const float* x;
+  const std::int32_t* offsets;
+  const float* weight;
+  std::int64_t count;  ///< of taps
   float bias;
+  float low, high;  ///< to which results are cut
+};
+
+/// A block of the depth of a product of words (conv2d_direct.h) for a panel of rows and one of columns.
+struct WordProduct {
+  const float* a;  ///< depth × rows
+  const float* b;  ///< row k at b + offsets[k]
+  const std::int32_t* offsets;
+  std::int64_t depth;
+  std::int64_t row_count, column_count;
+  bool exact;          ///< nothing is read behind column_count
+  const float* start;  ///< in the first block, for each row the word that its sums start from; else null
+  float* sums;  ///< else read from here, and left here if this is not the last block; rows of `columns`
+  bool last;
+  const float* step;  ///< in the last block, integers: y = sum · step + bias for each row
+  const float* bias;
+  float low, high;        ///< to which results are cut
+  float* y;               ///< in the last block
+  std::int64_t y_stride;  ///< from row to row; nothing is written behind row_count and column_count
 };
 
 /// Rows of up to four channels that become one row of words.
@@ -55,10 +75,9 @@ struct Conv2dRoutines {
 
   // By Precision, words as conv2d_direct.h has them.
 
-  /// multiply() with rows of b that lie anywhere: row k at b + offsets[k]. Sums of integers are int32 in the
-  /// words of c. With `exact` nothing is read behind column_count.
-  void (*multiply_at[3])(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
-                         float* c, std::int64_t row_count, std::int64_t column_count, bool exact);
+  /// Products are added to the sums in the order of k, after what they start from; sums of integers are
+  /// int32.
+  void (*multiply_words[3])(const WordProduct& product);
 
   /// y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j < count.
   void (*fill_row[3])(const WordRow& x, std::int64_t width, std::int64_t start, std::int64_t stride,
@@ -67,14 +86,11 @@ struct Conv2dRoutines {
   /// The least and the largest of x[0...count), and 0.
   void (*range)(const float* x, std::int64_t count, float* low, float* high);
 
-  /// y[j] = float(the int32 in y[j]) · step + bias.
-  void (*dequantise)(float* y, std::int64_t count, float step, float bias);
-
   /// y[j] = elu(a[j]) · sigmoid(g[j]) for j < count. a and g are read up to a multiple of the vector width.
   void (*gate)(const float* a, const float* g, float* y, std::int64_t count);
 
-  /// y[j] = bias + the taps' products in their order, for j < count. Taps are read up to a multiple of the
-  /// vector width.
+  /// y[p] = bias + the taps' products in their order, for p < count. x is read up to a multiple of the vector
+  /// width.
   void (*depthwise_row)(const DepthwiseRow& row, float* y, std::int64_t count);
 };
 

@@ -40,13 +40,22 @@ SLIDE_INLINE Bits load_words(const float* words) {
 SLIDE_INLINE void store_words(float* to, Bits bits) { __builtin_memcpy(to, &bits, sizeof bits); }
 SLIDE_INLINE Float as_float(Bits bits) { return simd::from_bits<SLIDE_ISA_WIDTH>(bits); }
 
+/// NaN stays NaN.
+SLIDE_INLINE Float cut(Float x, float low, float high) {
+  return simd::min(simd::broadcast(high), simd::max(simd::broadcast(low), x));
+}
+
 /// One float32.
 struct Fp32 {
   static constexpr int kLanes = 1;
   using Sum = Float;
-  static SLIDE_INLINE Sum start() { return simd::zero(); }
+  static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
+  static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
+  static SLIDE_INLINE Sum zero() { return simd::zero(); }
+  static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
+  static SLIDE_INLINE void store(float* sums, Sum sum) { simd::store(sums, sum); }
+  static SLIDE_INLINE Float result(const WordProduct&, int, Sum sum) { return sum; }
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) { return simd::fma(as_float(a), as_float(b), sum); }
-  static SLIDE_INLINE void add_to(float* c, Sum sum) { simd::store(c, simd::load(c) + sum); }
   static SLIDE_INLINE Bits word(const WordRow&, const Float* x) { return simd::bits_of(x[0]); }
 };
 
@@ -54,7 +63,12 @@ struct Fp32 {
 struct Bf16 {
   static constexpr int kLanes = 2;
   using Sum = Float;
-  static SLIDE_INLINE Sum start() { return simd::zero(); }
+  static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
+  static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
+  static SLIDE_INLINE Sum zero() { return simd::zero(); }
+  static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
+  static SLIDE_INLINE void store(float* sums, Sum sum) { simd::store(sums, sum); }
+  static SLIDE_INLINE Float result(const WordProduct&, int, Sum sum) { return sum; }
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
 #if defined(__AVX512BF16__)
     __m512bh left, right;
@@ -67,7 +81,6 @@ struct Bf16 {
     return simd::fma(as_float(a & kHigh), as_float(b & kHigh), low);
 #endif
   }
-  static SLIDE_INLINE void add_to(float* c, Sum sum) { simd::store(c, simd::load(c) + sum); }
   /// To the nearest, ties to even, in the high half; NaN stays NaN.
   static SLIDE_INLINE Bits rounded(Float x) {
     const Bits bits = simd::bits_of(x);
@@ -85,7 +98,15 @@ struct Bf16 {
 struct Int8 {
   static constexpr int kLanes = 4;
   using Sum = Bits;
-  static SLIDE_INLINE Sum start() { return Bits{}; }
+  static SLIDE_INLINE Sum load(const float* sums) { return load_words(sums); }
+  static SLIDE_INLINE Sum start(const float* word) { return broadcast_word(word); }
+  static SLIDE_INLINE Sum zero() { return Bits{}; }
+  static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
+  static SLIDE_INLINE void store(float* sums, Sum sum) { store_words(sums, sum); }
+  static SLIDE_INLINE Float result(const WordProduct& p, int row, Sum sum) {
+    const Float value = {__builtin_convertvector(sum, Float::Native)};
+    return simd::fma(value, simd::broadcast(p.step[row]), simd::broadcast(p.bias[row]));
+  }
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
 #if defined(__AVX512VNNI__)
     __m512i left, right, total;
@@ -100,7 +121,6 @@ struct Int8 {
     return sum;
 #endif
   }
-  static SLIDE_INLINE void add_to(float* c, Sum sum) { store_words(c, load_words(c) + sum); }
   static SLIDE_INLINE Bits word(const WordRow& row, const Float* x) {
     Bits word{};
     for (int lane = 0; lane < 4; ++lane) {
@@ -120,47 +140,62 @@ SLIDE_INLINE Bits load_some_words(const float* words, std::int64_t count) {
   return simd::bits_of(simd::load_partial(words, static_cast<std::size_t>(count)));
 }
 
-/// `last`: how many words of a row's last vector may be read.
+/// `end`: how many words of a row's last vector there are. The first block starts from its words; each later
+/// one is summed by itself and then added, so that blocks bound the roundings.
 template <typename P, int R, int V, bool kExact>
-SLIDE_INLINE void multiply_panel_at(const float* a, const float* b, const std::int32_t* offsets,
-                                    std::int64_t depth, float* c, std::int64_t last) {
+SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
   typename P::Sum sums[R][V];
   for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) sums[m][v] = P::start();
-  for (std::int64_t k = 0; k < depth; ++k, a += kRows) {
-    const float* row = b + offsets[k];
+    for (int v = 0; v < V; ++v) sums[m][v] = p.start != nullptr ? P::start(p.start + m) : P::zero();
+  const float* a = p.a;
+  for (std::int64_t k = 0; k < p.depth; ++k, a += kRows) {
+    const float* row = p.b + p.offsets[k];
     Bits right[V];
     for (int v = 0; v < V - 1; ++v) right[v] = load_words(row + v * kWidth);
-    const float* end = row + (V - 1) * kWidth;
-    right[V - 1] = kExact ? load_some_words(end, last) : load_words(end);
+    const float* tail = row + (V - 1) * kWidth;
+    right[V - 1] = kExact ? load_some_words(tail, end) : load_words(tail);
     for (int m = 0; m < R; ++m) {
       const Bits left = broadcast_word(a + m);
       for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
     }
   }
-  for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) P::add_to(c + m * kColumns + v * kWidth, sums[m][v]);
+  if (p.start == nullptr)
+    for (int m = 0; m < R; ++m)
+      for (int v = 0; v < V; ++v)
+        sums[m][v] = P::add(P::load(p.sums + m * kColumns + v * kWidth), sums[m][v]);
+  if (!p.last) {
+    for (int m = 0; m < R; ++m)
+      for (int v = 0; v < V; ++v) P::store(p.sums + m * kColumns + v * kWidth, sums[m][v]);
+    return;
+  }
+  for (int m = 0; m < R; ++m) {
+    if (m >= p.row_count) break;
+    float* y = p.y + m * p.y_stride;
+    for (int v = 0; v < V; ++v) {
+      const Float value = cut(P::result(p, m, sums[m][v]), p.low, p.high);
+      if (v < V - 1 || end >= kWidth)
+        simd::store(y + v * kWidth, value);
+      else
+        simd::store_partial(y + v * kWidth, value, static_cast<std::size_t>(end));
+    }
+  }
 }
 
 template <typename P, int R, int V>
-void multiply_rows_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth,
-                      float* c, std::int64_t column_count, bool exact) {
+void multiply_rows_of_words(const WordProduct& p) {
   if constexpr (V > 1)
-    if (column_count <= (V - 1) * kWidth)
-      return multiply_rows_at<P, R, V - 1>(a, b, offsets, depth, c, column_count, exact);
-  const std::int64_t last = column_count - (V - 1) * kWidth;
-  if (exact && last < kWidth) return multiply_panel_at<P, R, V, true>(a, b, offsets, depth, c, last);
-  multiply_panel_at<P, R, V, false>(a, b, offsets, depth, c, last);
+    if (p.column_count <= (V - 1) * kWidth) return multiply_rows_of_words<P, R, V - 1>(p);
+  const std::int64_t end = p.column_count - (V - 1) * kWidth;
+  if (p.exact && end < kWidth) return multiply_block<P, R, V, true>(p, end);
+  multiply_block<P, R, V, false>(p, end);
 }
 
 template <typename P>
-void multiply_at(const float* a, const float* b, const std::int32_t* offsets, std::int64_t depth, float* c,
-                 std::int64_t row_count, std::int64_t column_count, bool exact) {
-  if (row_count > 4)
-    return multiply_rows_at<P, kRows, kVectors>(a, b, offsets, depth, c, column_count, exact);
-  if (row_count > 2) return multiply_rows_at<P, 4, kVectors>(a, b, offsets, depth, c, column_count, exact);
-  if (row_count > 1) return multiply_rows_at<P, 2, kVectors>(a, b, offsets, depth, c, column_count, exact);
-  multiply_rows_at<P, 1, kVectors>(a, b, offsets, depth, c, column_count, exact);
+void multiply_words(const WordProduct& p) {
+  if (p.row_count > 4) return multiply_rows_of_words<P, kRows, kVectors>(p);
+  if (p.row_count > 2) return multiply_rows_of_words<P, 4, kVectors>(p);
+  if (p.row_count > 1) return multiply_rows_of_words<P, 2, kVectors>(p);
+  multiply_rows_of_words<P, 1, kVectors>(p);
 }
 
 /// One vector of words from x[first...first + count·stride), count <= kWidth.
@@ -218,13 +253,6 @@ void range(const float* x, std::int64_t count, float* low, float* high) {
   }
   *high = simd::max_of_lanes(most);
   *low = -simd::max_of_lanes(-least);
-}
-
-void dequantise(float* y, std::int64_t count, float step, float bias) {
-  for (std::int64_t j = 0; j < count; j += kWidth) {
-    const Float value = {__builtin_convertvector(load_words(y + j), Float::Native)};
-    simd::store(y + j, simd::fma(value, simd::broadcast(step), simd::broadcast(bias)));
-  }
 }
 
 }  // namespace
