@@ -123,6 +123,18 @@ def text(x, y, content, anchor='start', size=12, colour='#333'):
     return f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size}" text-anchor="{anchor}" fill="{colour}">{content}</text>'
 
 
+def label_box(px, py, width, taken):
+    """Where a point's label goes: beside it, or above or below where it would cover another -> left, top, right, bottom."""
+    box = None
+    for dy in (0, -13, 13, -26, 26, -39, 39, -52, 52):
+        for left in (px + 9, px - 9 - width):
+            box = (left, py - 8 + dy, left + width, py + 7 + dy)
+            inside = box[0] > LEFT and box[2] < W and box[1] > TOP and box[3] < H - BOTTOM
+            if inside and not any(box[0] < t[2] and t[0] < box[2] and box[1] < t[3] and t[1] < box[3] for t in taken):
+                return box
+    return box
+
+
 def plot(result):
     points = [p for p in result['peers'] if p.get('ms') and 0 < p['rms_error'] < math.inf]
     if len(points) < 2:
@@ -137,11 +149,12 @@ def plot(result):
         out.append(f'<path d="M{LEFT} {y.at(v):.1f}H{W - RIGHT}" stroke="#e4e4e4"/>' + text(LEFT - 6, y.at(v) + 4, f'{v:.0e}', 'end', 11))
     out.append(text(W / 2, H - 10, 'milliseconds (left is faster)', 'middle'))
     out.append(f'<g transform="translate(14 {H / 2}) rotate(-90)">{text(0, 0, "RMS error (down is better)", "middle")}</g>')
-    last = -1e9
-    for p in sorted(points, key=lambda p: y.at(p['rms_error'])):
-        colour, px, py = COLOURS[p['name'].split('-')[0]], x.at(p['ms']), y.at(p['rms_error'])
-        label = last = max(py + 4, last + 13)  # labels below one another where points are close
-        out.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{colour}"/>' + text(px + 9, label, LABELS[p['name']], colour=colour))
+    taken = [(x.at(p['ms']) - 6, y.at(p['rms_error']) - 6, x.at(p['ms']) + 6, y.at(p['rms_error']) + 6) for p in points]
+    for p in sorted(points, key=lambda p: p['ms']):
+        colour, px, py, label = COLOURS[p['name'].split('-')[0]], x.at(p['ms']), y.at(p['rms_error']), LABELS[p['name']]
+        box = label_box(px, py, 6.4 * len(label), taken)
+        taken.append(box)
+        out.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{colour}"/>' + text(box[0], box[3] - 3, label, colour=colour))
     return '\n'.join(out + ['</svg>', ''])
 
 
@@ -157,6 +170,17 @@ def stage_lines(results):
             lines.append(f'- `slide_run` from a photo of 1008×672 to the last of {r["frames"]} frames (Y4M), {r["threads"]} thread(s): {r["seconds"]:.2f} s, '
                          f'peak memory {r["peak_bytes"] / 2**20:.0f} MiB ({stages}; the rest is rendering and files).')
     return lines
+
+
+def layer_lines(results, machine):
+    lines = ['## Single convolutions beside oneDNN', '', 'SLIDE reads and writes planar tensors here; oneDNN\'s reorders to its blocked layouts are left out.', '',
+             '| layer | threads | kernel | ms | GFLOP/s (of the peak) | max error |', '|---|--:|---|--:|--:|--:|']
+    for layer in results['layers']:
+        for r in layer['results']:
+            top = peak(machine, layer['threads'], precision(r['name']))
+            share = f' ({100 * r["gflops"] / top:.0f} % of {top:.0f})' if top else ''
+            lines.append(f'| {layer["layer"]} | {layer["threads"]} | {r["name"]} | {r["ms"]:.2f} | {r["gflops"]:.0f}{share} | {r["max_error"]:.1e} |')
+    return lines + ['']
 
 
 def versions(results):
@@ -192,6 +216,8 @@ def main():
         lines += ['**Other programs were running: these numbers mean nothing.**', '']
     lines += ['## Summary', '', 'Ratios of medians; below 1 SLIDE is faster, more exact, smaller.', '', *summary_table(results), '', '## What the machine can do', '',
               *peak_table(machine), '', *stage_lines(results), '']
+    if results.get('layers'):
+        lines += layer_lines(results, machine)
     for result in results['networks']:
         lines += [f'## {title(result)}, {result["threads"]} thread{"s" if result["threads"] > 1 else ""}', '']
         picture = plot(result) if result['threads'] == max(r['threads'] for r in results['networks']) else None

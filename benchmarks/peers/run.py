@@ -234,11 +234,19 @@ def whole(options):
     return results
 
 
+def layers(options):
+    """Single convolutions beside oneDNN's, if the program could be built."""
+    if not os.path.exists(options.onednn):
+        return []
+    found = [json_of([options.onednn, '--threads', str(t), '--rounds', '5' if options.quick else '31', '--json']) for t in options.threads]
+    return [layer for one in found if isinstance(one, list) for layer in one]
+
+
 def check(options):
     """Our float64 executor against PyTorch's float64, on the networks that take seconds."""
     worst = 0.
     for case in cases.CASES:
-        if case.size[0] * case.size[1] > 256 * 384 or case.width == 48:
+        if case.size[0] * case.size[1] > 256 * 384:
             continue
         path = f'{options.out}/{case.name}.reference.safetensors'
         json_of([options.slide_bench, case.network, '--weights', f'{options.out}/{case.weight_name}.weights.safetensors', '--inputs',
@@ -275,7 +283,7 @@ def parse():
     options.threads = [2] if options.quick and options.threads == '2,1' else [int(t) for t in options.threads.split(',')]
     options.budget = options.budget or (3 if options.quick else 9)
     options.results = options.results or f'{options.out}/results.json'
-    for name, program in (('slide_bench', 'slide_bench'), ('slide_run', 'slide_run'), ('peak', 'peak_benchmark')):
+    for name, program in (('slide_bench', 'slide_bench'), ('slide_run', 'slide_run'), ('peak', 'peak_benchmark'), ('onednn', 'onednn_conv')):
         setattr(options, name, f'{options.build}/bin/{program}')
     return options
 
@@ -297,7 +305,7 @@ def main():
             results['networks'].append(measure(case, threads, options))
             show(results['networks'][-1])
     if not options.cases:
-        results |= {'layering': layering(options), 'slide_run': whole(options)}
+        results |= {'layering': layering(options), 'slide_run': whole(options), 'layers': layers(options)}
     with open(options.results, 'w') as f:
         json.dump(results, f, indent=1)
     print('wrote', options.results)

@@ -10,6 +10,9 @@ build=${BUILD:-build/release}
 mkdir -p "$out/node"
 cmake -S . -B "$build" -DCMAKE_BUILD_TYPE=Release -DSLIDE_BENCHMARKS=ON >/dev/null
 cmake --build "$build" --target slide_bench slide_run peak_benchmark -j2 >"$out/build.log" 2>&1 || { cat "$out/build.log" >&2; exit 1; }
+if [ -e /usr/include/dnnl.hpp ]; then
+  cmake --build "$build" --target onednn_conv -j2 >>"$out/build.log" 2>&1
+fi
 if [ ! -d "$out/node/node_modules/onnxruntime-node" ]; then
   # The package holds the library for CPUs; its install script would fetch one for GPUs.
   (cd "$out/node" && npm install --silent --no-audit --no-fund --ignore-scripts onnxruntime-node@1.30.0)
