@@ -1,11 +1,15 @@
 #include <algorithm>
 #include <array>
+#include <cmath>
+#include <numbers>
+#include <type_traits>
 #include <vector>
 
 #include "ops/common/elements.h"
 #include "ops/common/level_kernel.h"
 #include "ops/conv2d/conv2d_depthwise.h"
 #include "ops/conv2d/conv2d_direct.h"
+#include "ops/conv2d/conv2d_expectation.h"
 #include "ops/conv2d/conv2d_gemm.h"
 #include "ops/conv2d/conv2d_grouped_gate.h"
 #include "ops/conv2d/conv2d_op.h"
@@ -39,7 +43,8 @@ constexpr std::array kUnits = {0x1p-24, 0x1p-8, 1.0};
 template <typename Method>
 class Conv2dKernel : public Kernel {
  public:
-  Conv2dKernel(std::string_view name, const Conv2dRoutines& routines) : name_(name), routines_(routines) {}
+  Conv2dKernel(std::string_view name, const Conv2dRoutines& routines)
+      : name_(name), routines_(routines), expectation_(conv2d_expectation(name)) {}
 
   [[nodiscard]] std::string_view name() const override { return name_; }
   [[nodiscard]] Isa isa() const override { return routines_.isa; }
@@ -95,6 +100,23 @@ class Conv2dKernel : public Kernel {
                             const Shape& /*output*/) const override {
     return method(op, inputs).macs();
   }
+  /// A residual is taken to be as large as the sums and without error.
+  [[nodiscard]] double expected_error(const Op& op, std::span<const Shape> inputs) const override {
+    const double sums =
+        Method::kPrecision == Precision::kFp32
+            ? expectation_.error * unit_roundoff() * std::sqrt(method(op, inputs).error_factor())
+            : expectation_.error;
+    return of(op).fusion().residual ? sums / std::numbers::sqrt2 : sums;
+  }
+  /// Of panels of rows that a group does not fill, all are computed.
+  [[nodiscard]] double cost(const Op& op, std::span<const Shape> inputs, const Shape& output) const override {
+    const Conv2dGeometry g = of(op).geometry(inputs);
+    const auto rows = static_cast<double>(routines_.rows);
+    const double filled = std::is_same_v<Method, Conv2dDepthwise> || g.groups == 1
+                              ? 1
+                              : std::min(1.0, static_cast<double>(g.group_oc) / rows);
+    return macs(op, inputs, output) / (expectation_.speed_at(isa()) * filled);
+  }
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
            const KernelCall& call) const override {
     const float* bias = of(op).geometry(call.shapes).has_bias ? f32(inputs[2]) : nullptr;
@@ -111,6 +133,7 @@ class Conv2dKernel : public Kernel {
 
   std::string_view name_;
   const Conv2dRoutines& routines_;
+  const Conv2dExpectation& expectation_;
 };
 
 /// Adds a method's kernel of each level.

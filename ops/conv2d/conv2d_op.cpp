@@ -111,6 +111,11 @@ Shape Conv2dOp::infer(std::span<const Shape> inputs) const {
   return output;
 }
 
+double Conv2dOp::error_share(std::size_t index, std::span<const Shape> inputs) const {
+  const bool summand = index == 0 || (fusion_.residual && index + 1 == inputs.size());
+  return !summand ? 0 : fusion_.residual ? 0.5 : 1;
+}
+
 double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const {
   return (fusion_.gate ? 2 : 1) * static_cast<double>(output.count()) *
          static_cast<double>(geometry(inputs).depth());

@@ -38,6 +38,8 @@ class Conv2dOp : public Op {
   void error_scale_of_sums(std::span<const Tensor> inputs, std::span<const double> sums, const Tensor& output,
                            Tensor& scale, double rounding = 1, double largest = 1.0 / 64) const;
   [[nodiscard]] double macs(std::span<const Shape> inputs, const Shape& output) const override;
+  /// x and a residual count as equal.
+  [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
   [[nodiscard]] const Conv2dParams& params() const noexcept { return params_; }

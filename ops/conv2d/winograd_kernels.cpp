@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "ops/conv2d/winograd_routines.h"
+#include "ops/simd/lanes.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -96,24 +97,10 @@ SLIDE_INLINE void transform_output(const WinogradPoints& points, Float* m) {
   for (int i = 0; i < M; ++i) m[i] = y[i];
 }
 
-template <int... I>
-SLIDE_INLINE Float even_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
-  return {__builtin_shufflevector(a.v, b.v, (2 * I)...)};
-}
-template <int... I>
-SLIDE_INLINE Float odd_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
-  return {__builtin_shufflevector(a.v, b.v, (2 * I + 1)...)};
-}
-/// a0 b0 a1 b1 ... from lane `First` on.
-template <int First, int... I>
-SLIDE_INLINE Float zip_lanes(Float a, Float b, std::integer_sequence<int, I...> /*lanes*/) {
-  return {__builtin_shufflevector(a.v, b.v, (First + I / 2 + I % 2 * simd::kWidth)...)};
-}
-using Lanes = std::make_integer_sequence<int, simd::kWidth>;
-SLIDE_INLINE Float even(Float a, Float b) { return even_lanes(a, b, Lanes()); }
-SLIDE_INLINE Float odd(Float a, Float b) { return odd_lanes(a, b, Lanes()); }
-SLIDE_INLINE Float zip_low(Float a, Float b) { return zip_lanes<0>(a, b, Lanes()); }
-SLIDE_INLINE Float zip_high(Float a, Float b) { return zip_lanes<simd::kWidth / 2>(a, b, Lanes()); }
+using simd::even;
+using simd::odd;
+using simd::zip_high;
+using simd::zip_low;
 
 /// Phase p of the columns, for tiles 0 <= t < count: phases[p][t] = row[M·t + p].
 template <int M>

@@ -4,6 +4,7 @@
 // each word of b, kRows broadcast words of a; all accumulators stay in registers over a block of the depth.
 
 #include "ops/conv2d/conv2d_routines.h"
+#include "ops/simd/lanes.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -198,16 +199,19 @@ void multiply_words(const WordProduct& p) {
   multiply_rows_of_words<P, 1, kVectors>(p);
 }
 
-/// One vector of words from x[first...first + count·stride), count <= kWidth.
+/// One vector of words from x[first...first + count·stride), count <= kWidth; `more`: others follow in the
+/// row.
 template <typename P>
-SLIDE_INLINE Bits make_words(const WordRow& row, std::int64_t first, std::int64_t stride,
-                             std::int64_t count) {
+SLIDE_INLINE Bits make_words(const WordRow& row, std::int64_t first, std::int64_t stride, std::int64_t count,
+                             bool more) {
   Float x[P::kLanes];
   for (int lane = 0; lane < P::kLanes; ++lane) {
     if (row.x[lane] == nullptr) {
       x[lane] = simd::zero();
     } else if (stride == 1 && count == kWidth) {
       x[lane] = simd::load(row.x[lane] + first);
+    } else if (stride == 2 && more) {
+      x[lane] = simd::even(simd::load(row.x[lane] + first), simd::load(row.x[lane] + first + kWidth));
     } else {
       float gathered[kWidth] = {};
       for (std::int64_t j = 0; j < count; ++j) gathered[j] = row.x[lane][first + j * stride];
@@ -229,9 +233,9 @@ void fill_row(const WordRow& row, std::int64_t width, std::int64_t start, std::i
   for (std::int64_t j = 0; j < first; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);
   std::int64_t j = first;
   for (; j + kWidth <= last; j += kWidth)
-    store_words(y + j, make_words<P>(row, start + j * stride, stride, kWidth));
+    store_words(y + j, make_words<P>(row, start + j * stride, stride, kWidth, j + kWidth < last));
   if (j < last) {
-    const Bits words = make_words<P>(row, start + j * stride, stride, last - j);
+    const Bits words = make_words<P>(row, start + j * stride, stride, last - j, false);
     __builtin_memcpy(y + j, &words, static_cast<std::size_t>(last - j) * sizeof(float));
   }
   for (j = last; j < count; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);

@@ -66,6 +66,11 @@ void BinaryOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
 
 /// A sum or difference is measured against its two terms, so that cancellation in the inputs of a larger
 /// computation is not held against it; everything else against the result.
+double BinaryOp::error_share(std::size_t index, std::span<const Shape> inputs) const {
+  if (kind_ == BinaryKind::kMul || kind_ == BinaryKind::kDiv) return 1;
+  return Op::error_share(index, inputs);
+}
+
 void BinaryOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   if (kind_ != BinaryKind::kAdd && kind_ != BinaryKind::kSub) return Op::error_scale(inputs, output, scale);
   map(inputs, scale, [](double a, double b) { return std::fabs(a) + std::fabs(b); });

@@ -19,6 +19,8 @@ class BinaryOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// Products and quotients have the relative errors of both operands.
+  [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
