@@ -206,19 +206,23 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile_));
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
-    std::vector<double> u(static_cast<std::size_t>(frequencies_));
+    const auto count = static_cast<std::size_t>(rows);
+    std::vector<double> taps(9 * count);
+    std::vector<double> u(static_cast<std::size_t>(frequencies_) * count);
+    const std::int64_t inside = std::min(rows, g_.oc - panel * rows);
     for (std::int64_t c = 0; c < g_.ic; ++c) {
       const std::int64_t part = c / part_depth_ * part_depth_;
       const std::int64_t depth = std::min(part_depth_, g_.ic - part);
       float* first = to + (part * panels_ + panel * depth + c - part) * rows;
-      for (std::int64_t m = 0; m < rows; ++m) {
-        const std::int64_t row = panel * rows + m;
-        double taps[9] = {};
-        if (row < g_.oc) std::copy_n(weight + (filter_of_row(row) * g_.ic + c) * 9, 9, taps);
-        winograd_filter(matrices, taps, u.data());
-        for (std::int64_t f = 0; f < frequencies_; ++f)
-          first[f * g_.ic * panels_ * rows + m] = static_cast<float>(u[static_cast<std::size_t>(f)]);
-      }
+      for (std::int64_t m = 0; m < inside; ++m)
+        for (std::int64_t tap = 0; tap < 9; ++tap)
+          taps[static_cast<std::size_t>(tap * rows + m)] =
+              static_cast<double>(weight[(filter_of_row(panel * rows + m) * g_.ic + c) * 9 + tap]);
+      winograd_filters(matrices, taps.data(), count, u.data());
+      for (std::int64_t f = 0; f < frequencies_; ++f)
+        for (std::int64_t m = 0; m < rows; ++m)
+          first[f * g_.ic * panels_ * rows + m] =
+              static_cast<float>(u[static_cast<std::size_t>(f * rows + m)]);
     }
   });
 }

@@ -47,7 +47,7 @@ void winograd_error_scale(int tile, const Conv2dGeometry& g, std::span<const Ten
   for (std::size_t i = 0; i < filters * channels; ++i) {
     double taps[9];
     for (std::size_t k = 0; k < 9; ++k) taps[k] = std::fabs(weight[i * 9 + k]);
-    winograd_filter(w, taps, u.data() + i * count);
+    winograd_filters(w, taps, 1, u.data() + i * count);
     for (std::size_t f = 0; f < count; ++f) u[i * count + f] += kUnderflow;
   }
   const std::int64_t lines = tile_count(g.oheight, tile, g.dilation_y);

@@ -58,12 +58,18 @@ WinogradMatrices winograd_matrices(const std::vector<double>& pairs) {
   return w;
 }
 
-void winograd_filter(const WinogradMatrices& w, const double* taps, double* u) {
-  for (std::size_t i = 0; i < w.g.size(); ++i) {
-    double row[3];
+void winograd_filters(const WinogradMatrices& w, const double* taps, std::size_t count, double* u) {
+  std::vector<double> rows(3 * count);
+  for (const std::vector<double>& gi : w.g) {
     for (std::size_t v = 0; v < 3; ++v)
-      row[v] = w.g[i][0] * taps[v] + w.g[i][1] * taps[3 + v] + w.g[i][2] * taps[6 + v];
-    for (const std::vector<double>& g : w.g) *u++ = g[0] * row[0] + g[1] * row[1] + g[2] * row[2];
+      for (std::size_t n = 0; n < count; ++n)
+        rows[v * count + n] = gi[0] * taps[v * count + n] + gi[1] * taps[(3 + v) * count + n] +
+                              gi[2] * taps[(6 + v) * count + n];
+    for (const std::vector<double>& gj : w.g) {
+      for (std::size_t n = 0; n < count; ++n)
+        u[n] = gj[0] * rows[n] + gj[1] * rows[count + n] + gj[2] * rows[2 * count + n];
+      u += count;
+    }
   }
 }
 

@@ -34,7 +34,7 @@ struct WinogradMatrices {
 /// The matrices over 0, those pairs and ∞; m = 2·pairs.
 [[nodiscard]] WinogradMatrices winograd_matrices(const std::vector<double>& pairs);
 
-/// U = G g Gᵀ of a filter of 3 by 3 taps, (m + 2)² numbers.
-void winograd_filter(const WinogradMatrices& matrices, const double* taps, double* u);
+/// U = G g Gᵀ of `count` filters of 3 by 3 taps: taps is 9 × count, u is (m + 2)² × count.
+void winograd_filters(const WinogradMatrices& matrices, const double* taps, std::size_t count, double* u);
 
 }  // namespace slide::ops
