@@ -62,7 +62,11 @@ Tensor packed_inputs(const Graph& graph, const PlanStep& step, const std::map<in
 
 FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, const FastOptions& options)
     : graph_(graph),
-      plan_(make_plan(graph, options.isa, options.keep_all, options.precision)),
+      plan_(make_plan(graph, {.isa = options.isa,
+                              .keep_all = options.keep_all,
+                              .precision = options.precision,
+                              .error_budget = options.error_budget,
+                              .int8_errors = options.int8_errors})),
       keep_all_(options.keep_all) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)
     throw Error(ErrorKind::kOutOfMemory,

@@ -73,6 +73,13 @@ class Kernel {
   }
   /// Multiply-accumulates that it really does; Op::macs() unless the method saves some.
   [[nodiscard]] virtual double macs(const Op& op, std::span<const Shape> inputs, const Shape& output) const;
+  /// The root mean square of its error relative to that of the result, as expected for exact inputs: for
+  /// plans with an error budget (runtime/error_model.h), and no bound. By default 0.4·u·√error_factor(), what
+  /// error_factor() independent roundings add up to.
+  [[nodiscard]] virtual double expected_error(const Op& op, std::span<const Shape> inputs) const;
+  /// Expected time, in multiply-accumulates of a direct float32 convolution of the same level: macs(), unless
+  /// a kernel knows better. Compared between kernels of one operator only.
+  [[nodiscard]] virtual double cost(const Op& op, std::span<const Shape> inputs, const Shape& output) const;
   /// Computes `output`, every element of it. Parallel inside through parallel_for.
   virtual void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
                    const KernelCall& call) const = 0;
@@ -100,6 +107,10 @@ class Op {
   [[nodiscard]] virtual double macs(std::span<const Shape> /*inputs*/, const Shape& /*output*/) const {
     return 0;
   }
+  /// Which part of the squared relative error of input `index` the result takes over, as
+  /// runtime/error_model.h has it. By default the input's part of all inputs' elements: for sums and
+  /// concatenations of independent tensors of equal size.
+  [[nodiscard]] virtual double error_share(std::size_t index, std::span<const Shape> inputs) const;
   /// The fast kernels, best first. Every operator has at least one for Isa::kBaseline.
   [[nodiscard]] virtual std::span<const Kernel* const> kernels() const = 0;
 };

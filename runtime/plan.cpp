@@ -1,9 +1,13 @@
 #include "runtime/plan.h"
 
 #include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <utility>
 
 #include "runtime/arena.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 #include "runtime/lifetime.h"
 
 namespace slide {
@@ -17,6 +21,10 @@ std::size_t aligned(std::size_t bytes) {
   return (bytes + Tensor::kAlignment - 1) / Tensor::kAlignment * Tensor::kAlignment;
 }
 
+bool usable(const Kernel& kernel, const Node& node, std::span<const Shape> inputs, Isa isa) {
+  return runs_at(kernel.isa(), isa) && kernel.supports(*node.op, inputs, node.shape);
+}
+
 const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision) {
   const Kernel* best = nullptr;
   const auto better = [&](const Kernel& kernel) {
@@ -26,15 +34,133 @@ const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa
   };
   for (const Kernel* kernel : node.op->kernels()) {
     const bool allowed = kernel->precision() == precision || kernel->precision() == Precision::kFp32;
-    if (allowed && runs_at(kernel->isa(), isa) && kernel->supports(*node.op, inputs, node.shape) &&
-        better(*kernel))
-      best = kernel;
+    if (allowed && usable(*kernel, node, inputs, isa) && better(*kernel)) best = kernel;
   }
   if (best == nullptr)
     throw Error(ErrorKind::kInternal, "layer " + node.name + ": no kernel of " +
                                           std::string(node.op->type()) + " for the level " +
                                           std::string(name_of(isa)));
   return *best;
+}
+
+/// Of each method in `precision` or a higher one the kernel of the highest level.
+std::vector<const Kernel*> methods(const Node& node, std::span<const Shape> inputs, Isa isa,
+                                   Precision precision) {
+  std::vector<const Kernel*> found;
+  for (const Kernel* kernel : node.op->kernels()) {
+    if (kernel->precision() > precision || !usable(*kernel, node, inputs, isa)) continue;
+    const auto same = std::find_if(found.begin(), found.end(),
+                                   [&](const Kernel* other) { return other->name() == kernel->name(); });
+    if (same == found.end())
+      found.push_back(kernel);
+    else if (kernel->isa() > (*same)->isa())
+      *same = kernel;
+  }
+  return found;
+}
+
+bool is_step(const Graph& graph, const Plan& plan, int i) {
+  return graph.node(i).kind == NodeKind::kOp && !plan.constant[static_cast<std::size_t>(i)];
+}
+
+/// What a kernel's error is expected to be where it reaches the outputs.
+double error_at_output(const Graph& graph, const Node& node, const Kernel& kernel, double share,
+                       const PlanOptions& options) {
+  if (kernel.precision() == Precision::kInt8 && options.int8_errors != nullptr)
+    if (const auto it = options.int8_errors->find(node.name); it != options.int8_errors->end())
+      return it->second;
+  return std::sqrt(share) * kernel.expected_error(*node.op, input_shapes(graph, node));
+}
+
+bool not_calibrated(const Node& node, const PlanOptions& options) {
+  return options.int8_errors != nullptr && !options.int8_errors->contains(node.name);
+}
+
+/// Of the nodes marked `low` those with the largest calibrated errors, so that the others' together are
+/// within kInt8Error; and those that have none.
+std::vector<bool> too_inexact(const Graph& graph, const std::vector<bool>& low, const PlanOptions& options) {
+  std::vector<bool> marked(low.size(), false);
+  std::vector<std::pair<double, std::size_t>> squares;
+  double sum = 0;
+  for (std::size_t i = 0; i < low.size(); ++i) {
+    if (!low[i]) continue;
+    marked[i] = not_calibrated(graph.nodes()[i], options);
+    if (marked[i]) continue;
+    const double error = options.int8_errors->at(graph.nodes()[i].name);
+    squares.emplace_back(error * error, i);
+    sum += error * error;
+  }
+  std::sort(squares.rbegin(), squares.rend());
+  for (const auto& [square, i] : squares) {
+    if (sum <= kInt8Error * kInt8Error) break;
+    marked[i] = true;
+    sum -= square;
+  }
+  return marked;
+}
+
+using Kernels = std::vector<const Kernel*>;  // by node; null for those that are not computed at a run
+
+/// Without a budget.
+Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& options) {
+  Kernels kernels(graph.nodes().size(), nullptr);
+  std::vector<bool> low(kernels.size(), false);
+  const auto choose = [&](std::size_t i, Precision precision) {
+    const Node& node = graph.nodes()[i];
+    kernels[i] = &choose_kernel(node, input_shapes(graph, node), plan.isa, precision);
+  };
+  for (std::size_t i = 0; i < kernels.size(); ++i) {
+    if (!is_step(graph, plan, static_cast<int>(i))) continue;
+    choose(i, options.precision);
+    low[i] = kernels[i]->precision() == Precision::kInt8;
+  }
+  if (options.precision != Precision::kInt8) return kernels;
+  const std::vector<bool> kept =
+      options.int8_errors != nullptr ? too_inexact(graph, low, options) : network_ends(graph, low);
+  for (std::size_t i = 0; i < kernels.size(); ++i)
+    if (kept[i]) choose(i, Precision::kFp32);
+  return kernels;
+}
+
+std::string scientific(double value) {
+  char text[32];
+  std::snprintf(text, sizeof text, "%.2g", value);
+  return text;
+}
+
+Kernels kernels_within(const Graph& graph, const Plan& plan, const PlanOptions& options,
+                       const std::vector<double>& shares) {
+  std::vector<std::size_t> nodes;
+  std::vector<std::vector<KernelChoice>> choices;
+  for (std::size_t i = 0; i < shares.size(); ++i) {
+    if (!is_step(graph, plan, static_cast<int>(i))) continue;
+    const Node& node = graph.nodes()[i];
+    const std::vector<Shape> inputs = input_shapes(graph, node);
+    (void)choose_kernel(node, inputs, plan.isa, Precision::kFp32);  // there is one
+    std::vector<KernelChoice>& of_node = choices.emplace_back();
+    for (const Kernel* kernel : methods(node, inputs, plan.isa, options.precision)) {
+      if (kernel->precision() == Precision::kInt8 && not_calibrated(node, options)) continue;
+      const double error = error_at_output(graph, node, *kernel, shares[i], options);
+      of_node.push_back({kernel, error * error, kernel->cost(*node.op, inputs, node.shape)});
+    }
+    nodes.push_back(i);
+  }
+  const double limit = options.error_budget * options.error_budget;
+  const std::vector<std::size_t> chosen = choose_within(choices, limit);
+  Kernels kernels(shares.size(), nullptr);
+  double square = 0;
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    const KernelChoice& choice = choices[n][chosen[n]];
+    kernels[nodes[n]] = choice.kernel;
+    square += choice.square;
+  }
+  if (square > limit * (1 + 1e-9))
+    throw Error(ErrorKind::kUsage,
+                "an error of " + scientific(options.error_budget) +
+                    " is out of reach: the most exact kernels are expected to make " +
+                    scientific(std::sqrt(square)),
+                "allow a larger error");
+  return kernels;
 }
 
 /// Nodes that depend on weights and constants only.
@@ -57,14 +183,13 @@ bool packs_constants(const Plan& plan, const Node& node, const Kernel& kernel) {
   return true;
 }
 
-PlanStep plan_step(const Graph& graph, const Plan& plan, int i, Precision precision) {
+PlanStep plan_step(const Graph& graph, const Plan& plan, int i, const Kernel& kernel) {
   const Node& node = graph.node(i);
   const std::vector<Shape> inputs = input_shapes(graph, node);
-  const Kernel& kernel = choose_kernel(node, inputs, plan.isa, precision);
   const std::size_t packed = aligned(kernel.packed_bytes(*node.op, inputs, node.shape));
   const bool once = packs_constants(plan, node, kernel);
   const std::size_t scratch = kernel.scratch_bytes(*node.op, inputs, node.shape);
-  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once};
+  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once, 0};
 }
 
 /// What a step reads at each run.
@@ -92,23 +217,31 @@ bool runs_at(Isa kernel, Isa isa) noexcept {
   return kernel <= isa;
 }
 
-Plan make_plan(const Graph& graph, Isa isa, bool keep_all, Precision precision) {
+Plan make_plan(const Graph& graph, const PlanOptions& options) {
   Plan plan;
-  plan.isa = isa;
+  plan.isa = options.isa;
   find_constants(graph, plan);
+  const std::vector<double> shares = error_shares(graph, plan.constant);
+  const Kernels kernels = options.error_budget > 0 ? kernels_within(graph, plan, options, shares)
+                                                   : kernels_of(graph, plan, options);
   const std::vector<int> last = last_uses(graph);
   const int total = static_cast<int>(graph.nodes().size());
   plan.needed.assign(static_cast<std::size_t>(total), false);
   for (const auto& output : graph.outputs()) plan.needed[static_cast<std::size_t>(output.second)] = true;
   std::vector<ArenaBlock> blocks;  // result and scratch of each step, alternating
+  double square = 0;
   for (int i = 0; i < total; ++i) {
     const std::size_t index = static_cast<std::size_t>(i);
-    if (plan.constant[index] || graph.node(i).kind != NodeKind::kOp) continue;
-    plan.steps.push_back(plan_step(graph, plan, i, precision));
+    if (kernels[index] == nullptr) continue;
+    plan.steps.push_back(plan_step(graph, plan, i, *kernels[index]));
+    double& error = plan.steps.back().predicted_error;
+    error = error_at_output(graph, graph.node(i), *kernels[index], shares[index], options);
+    square += error * error;
     mark_needed(graph, plan.steps.back(), plan);
-    blocks.push_back({float_bytes(graph.node(i).shape), i, keep_all ? total : last[index]});
+    blocks.push_back({float_bytes(graph.node(i).shape), i, options.keep_all ? total : last[index]});
     blocks.push_back({plan.steps.back().scratch_bytes, i, i});
   }
+  plan.predicted_error = std::sqrt(square);
   plan.weight_bytes = weight_bytes(graph, plan);
   const ArenaLayout layout = place(blocks);
   plan.arena_bytes = layout.bytes;
@@ -118,6 +251,10 @@ Plan make_plan(const Graph& graph, Isa isa, bool keep_all, Precision precision) 
     plan.steps[s].scratch_offset = layout.offsets[2 * s + 1];
   }
   return plan;
+}
+
+Plan make_plan(const Graph& graph, Isa isa, bool keep_all, Precision precision) {
+  return make_plan(graph, PlanOptions{.isa = isa, .keep_all = keep_all, .precision = precision});
 }
 
 }  // namespace slide

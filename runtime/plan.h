@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstddef>
+#include <map>
+#include <string>
 #include <vector>
 
 #include "runtime/cpu.h"
@@ -17,6 +19,7 @@ struct PlanStep {
   std::size_t scratch_bytes;
   std::size_t packed_bytes;  ///< of the kernel's packed inputs, a multiple of 64
   bool packed_once;          ///< they are constant, packed before the first run; else in scratch, at each run
+  double predicted_error;    ///< what the kernel adds to the error of the output (runtime/error_model.h)
 };
 
 /// How a graph will be run: which nodes are constant and folded, which kernel computes each of the others,
@@ -29,15 +32,37 @@ struct Plan {
   std::size_t arena_lower_bound = 0;  ///< what no placement could undercut
   std::size_t weight_bytes = 0;       ///< weights and folded constants that the steps read, packed or float32
   Isa isa = Isa::kBaseline;
+  /// Root mean square of the outputs' error relative to theirs, expected (runtime/error_model.h).
+  double predicted_error = 0;
 
   /// Memory a run needs beside the caller's inputs.
   [[nodiscard]] std::size_t memory_bytes() const noexcept { return arena_bytes + weight_bytes; }
 };
 
-/// Plans a graph for an ISA level: for each node the first kernel of the highest level not above `isa` that
-/// supports the shapes and computes in `precision`, else in float32. With `keep_all` no tensor's memory is
-/// used again, so that every result can be looked at after the run. Reads no weights. Throws Error(kInternal)
-/// if an operator has no kernel for a node.
+/// What a plan is made for.
+struct PlanOptions {
+  Isa isa = active_isa();
+  bool keep_all = false;                   ///< no tensor's memory is used again: each can be looked at later
+  Precision precision = Precision::kFp32;  ///< the lowest allowed
+  double error_budget = 0;                 ///< predicted error allowed at the outputs; 0: no budget
+  /// By the name of nodes with a kernel of 8-bit integers: the error that it alone makes at the outputs, as
+  /// calibration measured it (runtime/calibration.h). Nodes that are not named stay in float32. May be null.
+  const std::map<std::string, double>* int8_errors = nullptr;
+};
+
+/// Plans a graph. Reads no weights.
+///
+/// Without a budget each node gets the first kernel of the highest level not above `isa` that supports the
+/// shapes and computes in `precision`, else in float32. Of 8-bit integers those that calibration found to
+/// make the largest errors are kept in float32 until the rest is expected to stay within kInt8Error; without
+/// calibration the network's ends are (network_ends()). With a budget it gets one of the kernels of
+/// `precision` and of all higher ones, so that the predicted error stays within the budget and the predicted
+/// time is small (choose_within()).
+///
+/// Throws Error(kInternal) if an operator has no kernel for a node, Error(kUsage) if the most exact kernels
+/// are predicted to be over the budget.
+[[nodiscard]] Plan make_plan(const Graph& graph, const PlanOptions& options);
+/// The same without a budget.
 [[nodiscard]] Plan make_plan(const Graph& graph, Isa isa, bool keep_all = false,
                              Precision precision = Precision::kFp32);
 
