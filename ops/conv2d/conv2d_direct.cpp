@@ -8,6 +8,7 @@
 #include <limits>
 
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/conv2d/conv2d_winograd.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
@@ -96,7 +97,7 @@ bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noe
 }
 
 bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.group_ic >= 2;
+  return possible(g, fusion) && g.group_ic >= 2 && !Conv2dWinograd<4>::fits(g, fusion);
 }
 
 bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
