@@ -18,6 +18,7 @@
 #include "render/photo_layers.h"
 #include "runtime/cpu.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 #include "runtime/safetensors.h"
 #include "runtime/threads.h"
 
@@ -33,6 +34,8 @@ struct Arguments {
   std::string model, weights, golden, image, dump;
   bool formula_weights = false;
   bool fused = false;
+  std::string precision;
+  double error_budget = 0;
   std::int64_t size = 0;
   int rows = 0;
 };
@@ -52,6 +55,16 @@ int check_operators(const Arguments& a) {
   return ops::exit_code(files);
 }
 
+/// What --fused, --precision and --error-budget ask for.
+graphs::CompareOptions compare_options(const Arguments& a) {
+  const PrecisionChoice choice = precision_choice(a.precision, a.error_budget);
+  return {.dump_folder = a.dump,
+          .source = a.model,
+          .fused = a.fused || !a.precision.empty() || a.error_budget > 0,
+          .precision = choice.precision,
+          .error_budget = choice.error_budget};
+}
+
 int check_network(const Arguments& a) {
   (void)graphs::find_model(a.model);
   const graphs::Golden golden = open_golden(a.golden);
@@ -63,8 +76,7 @@ int check_network(const Arguments& a) {
     weights = std::make_unique<graphs::FormulaWeights>(golden.weights());
   else
     weights = std::make_unique<SafetensorsWeights>(a.weights);
-  const graphs::GoldenCheck check =
-      graphs::check_golden(golden, *weights, {.dump_folder = a.dump, .source = a.model, .fused = a.fused});
+  const graphs::GoldenCheck check = graphs::check_golden(golden, *weights, compare_options(a));
   std::cout << (a.json ? graphs::json_of(check) : graphs::table_of(check));
   return check.passed() ? 0 : 1;
 }
@@ -78,8 +90,7 @@ int compare_network(const Arguments& a) {
     weights = std::make_unique<SafetensorsWeights>(a.weights);
   const graphs::PhotoRun run =
       graphs::photo_run(a.model, tensor_from_image(read_photo(a.image).colour), *weights, a.size);
-  const graphs::Comparison comparison = graphs::compare(
-      *run.graph, *weights, run.inputs, {.dump_folder = a.dump, .source = a.model, .fused = a.fused});
+  const graphs::Comparison comparison = graphs::compare(*run.graph, *weights, run.inputs, compare_options(a));
   std::cout << (a.json ? graphs::json_of(a.model, comparison) : graphs::table_of(comparison, a.rows));
   return comparison.passed() ? 0 : 1;
 }
@@ -101,6 +112,12 @@ void add_model(CLI::App& command, Arguments& a) {
                     "weights that are a formula: the golden file's own, or made-up ones");
   weights->require_option(1);
   command.add_flag("--fused", a.fused, "compare the outputs of the fused plan, that of real runs, too");
+  command.add_option("--precision", a.precision,
+                     "the fused plan's, its outputs beside the error it predicts: fp32, bf16, int8, auto");
+  command
+      .add_option("--error-budget", a.error_budget,
+                  "the fused plan's: fastest kernels with this predicted error, 1e-7 to 0.5")
+      ->check(CLI::Range(kLeastErrorBudget, kLargestErrorBudget));
   command.add_option("--dump", a.dump,
                      "write every node's inputs and expected output as operator cases here");
 }

@@ -89,14 +89,16 @@ ops::KernelCheck check_local(const Node& node, int index, const Kernel& kernel,
 
 /// The fused graph's outputs against those of the reference, by node of the graph as it was built.
 std::vector<OutputComparison> compare_fused(const Graph& graph, const WeightSource& weights,
-                                            const NamedTensors& inputs, Isa isa,
+                                            const NamedTensors& inputs, const CompareOptions& options,
                                             const std::map<int, Tensor>& outputs) {
   const std::unique_ptr<Graph> fused = ops::fuse(graph);
-  FastExecutor fast(*fused, weights, {.isa = isa});
+  FastExecutor fast(
+      *fused, weights,
+      {.isa = options.isa, .precision = options.precision, .error_budget = options.error_budget});
   fast.run(inputs);
   std::vector<OutputComparison> result;
   for (const auto& [name, node] : graph.outputs())
-    result.push_back({name, tensor_error(fast.tensor(name), outputs.at(node))});
+    result.push_back({name, tensor_error(fast.tensor(name), outputs.at(node)), fast.plan().predicted_error});
   return result;
 }
 
@@ -160,7 +162,7 @@ Comparison compare(const Graph& graph, const WeightSource& weights, const NamedT
     }
     walk.drop_after(i);
   }
-  if (options.fused) result.fused = compare_fused(graph, weights, inputs, options.isa, outputs);
+  if (options.fused) result.fused = compare_fused(graph, weights, inputs, options, outputs);
   return result;
 }
 

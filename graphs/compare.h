@@ -39,6 +39,7 @@ struct NodeComparison {
 struct OutputComparison {
   std::string name;
   TensorError error;
+  double predicted = 0;  ///< root mean square that the plan expects (Plan::predicted_error)
 };
 
 /// What compare() may be told.
@@ -51,6 +52,9 @@ struct CompareOptions {
   std::string source{};
   /// Run the fused graph too (ops/fusion/fusion.h) and compare its outputs.
   bool fused = false;
+  /// Of the fused graph's plan; nodes are judged in float32. As in PlanOptions.
+  Precision precision = Precision::kFp32;
+  double error_budget = 0;
   /// Called before each node; returning false ends with Error(kCancelled).
   ProgressCallback progress{};
   /// Called with every computed node's tensors: float64 reference, and fast, which is empty where the plan

@@ -49,9 +49,11 @@ std::string summary_of(const Comparison& comparison) {
 std::string fused_of(const Comparison& comparison) {
   if (comparison.fused.empty()) return "";
   using enum TextTable::Align;
-  TextTable table({"fused plan vs float64", "max error", "rms error"}, {kLeft, kRight, kRight});
+  TextTable table({"fused plan vs float64", "max error", "rms error", "predicted rms"},
+                  {kLeft, kRight, kRight, kRight});
   for (const OutputComparison& o : comparison.fused)
-    table.row({"output " + o.name, ops::scientific(o.error.max), ops::scientific(o.error.rms)});
+    table.row({"output " + o.name, ops::scientific(o.error.max), ops::scientific(o.error.rms),
+               ops::scientific(o.predicted)});
   return "\n" + table.text();
 }
 
@@ -86,7 +88,10 @@ Json json_of_nodes(const Comparison& comparison) {
 Json json_of_fused(const Comparison& comparison) {
   Json outputs = Json::array();
   for (const OutputComparison& o : comparison.fused)
-    outputs.push_back({{"output", o.name}, {"max_error", o.error.max}, {"rms_error", o.error.rms}});
+    outputs.push_back({{"output", o.name},
+                       {"max_error", o.error.max},
+                       {"rms_error", o.error.rms},
+                       {"predicted_rms_error", o.predicted}});
   return outputs;
 }
 

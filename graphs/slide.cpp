@@ -54,10 +54,14 @@ class Stage {
   Stage(std::string name, const SlideOptions& options) : options_(options) { report_.name = std::move(name); }
   [[nodiscard]] Graph& graph() noexcept { return *graph_; }
 
-  /// Memory and arithmetic, without running. The stage is used up.
-  [[nodiscard]] PlannedStage plan() && {
+  /// Memory and arithmetic, without running. The stage is used up. `network`: it has one.
+  [[nodiscard]] PlannedStage plan(const NetworkChoice& network = {}) && {
     graph_ = ops::fuse(*graph_);
-    Plan plan = make_plan(*graph_, options_.isa);
+    const bool chosen = network.chosen();
+    Plan plan = make_plan(*graph_, {.isa = options_.isa,
+                                    .precision = chosen ? options_.precision : Precision::kFp32,
+                                    .error_budget = chosen ? options_.error_budget : 0,
+                                    .calibration = chosen ? network.weights->calibration() : nullptr});
     count(plan);
     return {report_, std::move(graph_), std::move(plan)};
   }
@@ -66,8 +70,12 @@ class Stage {
   void run(const WeightSource& weights, const NamedTensors& inputs, double first = 0, double part = 1) {
     const auto start = std::chrono::steady_clock::now();
     graph_ = ops::fuse(*graph_);
+    const bool network = &weights != &kNoWeights;
     executor_.emplace(*graph_, weights,
-                      FastOptions{.isa = options_.isa, .memory_limit = options_.memory_limit});
+                      FastOptions{.isa = options_.isa,
+                                  .memory_limit = options_.memory_limit,
+                                  .precision = network ? options_.precision : Precision::kFp32,
+                                  .error_budget = network ? options_.error_budget : 0});
     count(executor_->plan());
     RunOptions run_options;
     if (options_.progress)
@@ -85,6 +93,11 @@ class Stage {
  private:
   void count(const Plan& plan) {
     report_.memory = plan.memory_bytes();
+    report_.predicted_error = plan.predicted_error;
+    for (const PlanStep& step : plan.steps) {
+      if (step.kernel->precision() == Precision::kBf16) ++report_.bf16_layers;
+      if (step.kernel->precision() == Precision::kInt8) ++report_.int8_layers;
+    }
     for (const PlanStep& step : plan.steps) {
       const Node& node = graph_->node(step.node);
       std::vector<Shape> shapes;
@@ -270,6 +283,9 @@ void inpaint_windows(const SlideModels& models, const SlideOptions& options, Sli
     total.seconds += stage.report().seconds;
     total.gflop += stage.report().gflop;
     total.memory = std::max(total.memory, stage.report().memory);
+    total.predicted_error = std::max(total.predicted_error, stage.report().predicted_error);
+    total.bf16_layers = stage.report().bf16_layers;
+    total.int8_layers = stage.report().int8_layers;
   }
   require_finite("inpainted background", out.background_image, ErrorKind::kInternal);
   require_finite("inpainted disparity", out.background_disparity, ErrorKind::kInternal);
@@ -304,18 +320,18 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   if (known.disparity.empty() && models.depth.chosen()) {
     Stage depth("depth", options);
     depth.graph().output("D", estimate_disparity(depth.graph().input("image", map.with(1, 3)), models.depth));
-    stages.push_back(std::move(depth).plan());
+    stages.push_back(std::move(depth).plan(models.depth));
   }
   if (known.matte.empty() && options.matte != MatteUse::kNever && models.saliency.chosen()) {
     Stage saliency("saliency", options);
     saliency.graph().output("M",
                             estimate_matte(saliency.graph().input("image", map.with(1, 3)), models.saliency));
-    stages.push_back(std::move(saliency).plan());
+    stages.push_back(std::move(saliency).plan(models.saliency));
     if (models.matting.chosen()) {
       Stage matting("matting", options);
       Graph& g = matting.graph();
       g.output("M", refine_matte(g.input("image", map.with(1, 3)), g.input("saliency", map), models.matting));
-      stages.push_back(std::move(matting).plan());
+      stages.push_back(std::move(matting).plan(models.matting));
     }
   }
   Stage layering("layering", options);
@@ -323,7 +339,7 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   stages.push_back(std::move(layering).plan());
   Stage inpainting("inpainting", options);
   background_graph(inpainting.graph(), height, width, models.inpaint);
-  stages.push_back(std::move(inpainting).plan());
+  stages.push_back(std::move(inpainting).plan(models.inpaint));
   return stages;
 }
 

@@ -56,15 +56,20 @@ struct SlideOptions {
   bool whole_image = false;      ///< inpaint the whole image in one piece instead of the windows that need it
   std::size_t memory_limit = 0;  ///< bytes for one stage's plan; 0: no limit
   Isa isa = active_isa();
+  Precision precision = Precision::kFp32;  ///< of the networks: as in PlanOptions
+  double error_budget = 0;                 ///< of each network: as in PlanOptions
   StageCallback progress;
 };
 
 /// What one stage took.
 struct StageReport {
-  std::string name;        ///< "depth", "saliency", "matting", "layering", "inpainting"
-  double seconds = 0;      ///< planning and weights included
-  double gflop = 0;        ///< of the definition, 2 a multiply-accumulate
-  std::size_t memory = 0;  ///< bytes of the largest plan
+  std::string name;            ///< "depth", "saliency", "matting", "layering", "inpainting"
+  double seconds = 0;          ///< planning and weights included
+  double gflop = 0;            ///< of the definition, 2 a multiply-accumulate
+  std::size_t memory = 0;      ///< bytes of the largest plan
+  double predicted_error = 0;  ///< of a network's outputs (Plan); the largest plan's
+  int bf16_layers = 0;         ///< computed in that precision, of the last plan
+  int int8_layers = 0;
 };
 
 /// What was modelled and what was skipped, with the numbers.

@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <limits>
+#include <optional>
+#include <string>
 
+#include "runtime/error.h"
 #include "runtime/lifetime.h"
 
 namespace slide {
@@ -114,6 +117,19 @@ std::vector<std::size_t> choose_within(std::span<const std::vector<KernelChoice>
     chosen[move.node] = move.choice;
   }
   return chosen;
+}
+
+PrecisionChoice precision_choice(std::string_view name, double error_budget) {
+  if (error_budget != 0 && !(error_budget >= kLeastErrorBudget && error_budget <= kLargestErrorBudget))
+    throw Error(ErrorKind::kUsage, "the error budget is not between 1e-7 and 0.5",
+                "for example 1e-2 for 1 % of the result's size");
+  if (name == "auto" || (name.empty() && error_budget != 0))
+    return {Precision::kInt8, error_budget != 0 ? error_budget : kDefaultErrorBudget};
+  const std::optional<Precision> precision = precision_from_name(name.empty() ? "fp32" : name);
+  if (!precision)
+    throw Error(ErrorKind::kUsage, "there is no precision named " + std::string(name),
+                "fp32, bf16, int8 or auto");
+  return {*precision, error_budget};
 }
 
 }  // namespace slide

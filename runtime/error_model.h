@@ -1,6 +1,7 @@
 #pragma once
 
 #include <span>
+#include <string_view>
 #include <vector>
 
 #include "runtime/graph.h"
@@ -41,11 +42,24 @@ struct KernelChoice {
 [[nodiscard]] std::vector<std::size_t> choose_within(std::span<const std::vector<KernelChoice>> choices,
                                                      double limit);
 
-/// The budget of the precision "auto".
+/// The budget of the precision "auto", and what a user may ask for.
 inline constexpr double kDefaultErrorBudget = 1e-2;
+inline constexpr double kLeastErrorBudget = 1e-7;
+inline constexpr double kLargestErrorBudget = 0.5;
+
+/// What users say about precision, as plans take it: see PlanOptions.
+struct PrecisionChoice {
+  Precision precision = Precision::kFp32;
+  double error_budget = 0;
+};
+
+/// From "fp32", "bf16", "int8", "auto" or "", and a budget or 0. "auto" is all precisions within the budget
+/// (kDefaultErrorBudget if there is none); "" is "fp32", with a budget "auto". Throws Error(kUsage) for
+/// anything else and for a budget outside of [kLeastErrorBudget, kLargestErrorBudget].
+[[nodiscard]] PrecisionChoice precision_choice(std::string_view name, double error_budget);
 
 /// What a calibrated plan of 8-bit integers may be expected to add up to: photos differ from those of the
 /// calibration, and results are to be within 2 %.
-inline constexpr double kInt8Error = 1.2e-2;
+inline constexpr double kInt8Error = 1e-2;
 
 }  // namespace slide

@@ -29,9 +29,8 @@ std::vector<int> last_constant_uses(const Graph& graph, const Plan& plan) {
   return last;
 }
 
-std::optional<Range> range_of(const Node& node, const std::map<std::string, Range>& ranges) {
-  const auto it = ranges.find(node.name);
-  return it != ranges.end() ? std::optional(it->second) : std::nullopt;
+const Calibration* calibration_of(const WeightSource& weights, const FastOptions& options) {
+  return options.calibration != nullptr ? options.calibration : weights.calibration();
 }
 
 /// The value of a constant node: a weight as stored, else F64.
@@ -66,7 +65,7 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                               .keep_all = options.keep_all,
                               .precision = options.precision,
                               .error_budget = options.error_budget,
-                              .int8_errors = options.int8_errors})),
+                              .calibration = calibration_of(weights, options)})),
       keep_all_(options.keep_all) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)
     throw Error(ErrorKind::kOutOfMemory,
@@ -76,10 +75,10 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                 "allow more memory or use a smaller size");
   fold_constants(weights);
   ranges_.resize(plan_.steps.size());
-  if (options.ranges != nullptr)
+  if (const Calibration* calibration = calibration_of(weights, options))
     for (std::size_t s = 0; s < plan_.steps.size(); ++s)
-      if (const Node& node = graph.node(plan_.steps[s].node); !node.inputs.empty())
-        ranges_[s] = range_of(graph.node(node.inputs[0]), *options.ranges);
+      if (const LayerCalibration* layer = calibration->find(graph, plan_.steps[s].node))
+        ranges_[s] = layer->range;
   arena_ = Tensor(DType::kU8, {static_cast<std::int64_t>(plan_.arena_bytes)});
   for (const PlanStep& step : plan_.steps)
     values_[static_cast<std::size_t>(step.node)] =

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <cstddef>
-#include <map>
 #include <optional>
 #include <span>
 #include <string>
@@ -18,12 +17,11 @@ namespace slide {
 /// What a FastExecutor may be told.
 struct FastOptions {
   Isa isa = active_isa();
-  bool keep_all = false;                                 ///< every node's tensor can be looked at after a run
-  std::size_t memory_limit = 0;                          ///< bytes for arena and weights; 0 = no limit
-  Precision precision = Precision::kFp32;                ///< as in PlanOptions
-  double error_budget = 0;                               ///< as in PlanOptions
-  const std::map<std::string, Range>* ranges = nullptr;  ///< by node: what calibration saw; may be null
-  const std::map<std::string, double>* int8_errors = nullptr;  ///< as in PlanOptions
+  bool keep_all = false;                     ///< every node's tensor can be looked at after a run
+  std::size_t memory_limit = 0;              ///< bytes for arena and weights; 0 = no limit
+  Precision precision = Precision::kFp32;    ///< as in PlanOptions
+  double error_budget = 0;                   ///< as in PlanOptions
+  const Calibration* calibration = nullptr;  ///< as in PlanOptions; null: that of the weights
 };
 
 /// Runs a graph's plan: constants folded once in float64 and packed once, one kernel a node, all results in

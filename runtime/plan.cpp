@@ -64,16 +64,16 @@ bool is_step(const Graph& graph, const Plan& plan, int i) {
 }
 
 /// What a kernel's error is expected to be where it reaches the outputs.
-double error_at_output(const Graph& graph, const Node& node, const Kernel& kernel, double share,
+double error_at_output(const Graph& graph, int i, const Kernel& kernel, double share,
                        const PlanOptions& options) {
-  if (kernel.precision() == Precision::kInt8 && options.int8_errors != nullptr)
-    if (const auto it = options.int8_errors->find(node.name); it != options.int8_errors->end())
-      return it->second;
+  if (kernel.precision() == Precision::kInt8 && options.calibration != nullptr)
+    if (const LayerCalibration* layer = options.calibration->find(graph, i)) return layer->error;
+  const Node& node = graph.node(i);
   return std::sqrt(share) * kernel.expected_error(*node.op, input_shapes(graph, node));
 }
 
-bool not_calibrated(const Node& node, const PlanOptions& options) {
-  return options.int8_errors != nullptr && !options.int8_errors->contains(node.name);
+bool not_calibrated(const Graph& graph, int i, const PlanOptions& options) {
+  return options.calibration != nullptr && options.calibration->find(graph, i) == nullptr;
 }
 
 /// Of the nodes marked `low` those with the largest calibrated errors, so that the others' together are
@@ -84,9 +84,10 @@ std::vector<bool> too_inexact(const Graph& graph, const std::vector<bool>& low, 
   double sum = 0;
   for (std::size_t i = 0; i < low.size(); ++i) {
     if (!low[i]) continue;
-    marked[i] = not_calibrated(graph.nodes()[i], options);
+    const int index = static_cast<int>(i);
+    marked[i] = not_calibrated(graph, index, options);
     if (marked[i]) continue;
-    const double error = options.int8_errors->at(graph.nodes()[i].name);
+    const double error = options.calibration->find(graph, index)->error;
     squares.emplace_back(error * error, i);
     sum += error * error;
   }
@@ -116,7 +117,7 @@ Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& opti
   }
   if (options.precision != Precision::kInt8) return kernels;
   const std::vector<bool> kept =
-      options.int8_errors != nullptr ? too_inexact(graph, low, options) : network_ends(graph, low);
+      options.calibration != nullptr ? too_inexact(graph, low, options) : network_ends(graph, low);
   for (std::size_t i = 0; i < kernels.size(); ++i)
     if (kept[i]) choose(i, Precision::kFp32);
   return kernels;
@@ -139,8 +140,9 @@ Kernels kernels_within(const Graph& graph, const Plan& plan, const PlanOptions& 
     (void)choose_kernel(node, inputs, plan.isa, Precision::kFp32);  // there is one
     std::vector<KernelChoice>& of_node = choices.emplace_back();
     for (const Kernel* kernel : methods(node, inputs, plan.isa, options.precision)) {
-      if (kernel->precision() == Precision::kInt8 && not_calibrated(node, options)) continue;
-      const double error = error_at_output(graph, node, *kernel, shares[i], options);
+      if (kernel->precision() == Precision::kInt8 && not_calibrated(graph, static_cast<int>(i), options))
+        continue;
+      const double error = error_at_output(graph, static_cast<int>(i), *kernel, shares[i], options);
       of_node.push_back({kernel, error * error, kernel->cost(*node.op, inputs, node.shape)});
     }
     nodes.push_back(i);
@@ -235,7 +237,7 @@ Plan make_plan(const Graph& graph, const PlanOptions& options) {
     if (kernels[index] == nullptr) continue;
     plan.steps.push_back(plan_step(graph, plan, i, *kernels[index]));
     double& error = plan.steps.back().predicted_error;
-    error = error_at_output(graph, graph.node(i), *kernels[index], shares[index], options);
+    error = error_at_output(graph, i, *kernels[index], shares[index], options);
     square += error * error;
     mark_needed(graph, plan.steps.back(), plan);
     blocks.push_back({float_bytes(graph.node(i).shape), i, options.keep_all ? total : last[index]});

@@ -1,10 +1,9 @@
 #pragma once
 
 #include <cstddef>
-#include <map>
-#include <string>
 #include <vector>
 
+#include "runtime/calibration.h"
 #include "runtime/cpu.h"
 #include "runtime/graph.h"
 
@@ -45,9 +44,9 @@ struct PlanOptions {
   bool keep_all = false;                   ///< no tensor's memory is used again: each can be looked at later
   Precision precision = Precision::kFp32;  ///< the lowest allowed
   double error_budget = 0;                 ///< predicted error allowed at the outputs; 0: no budget
-  /// By the name of nodes with a kernel of 8-bit integers: the error that it alone makes at the outputs, as
-  /// calibration measured it (runtime/calibration.h). Nodes that are not named stay in float32. May be null.
-  const std::map<std::string, double>* int8_errors = nullptr;
+  /// If not null, layers that it does not name are not computed in 8-bit integers, and the errors of those
+  /// that it names are what it says.
+  const Calibration* calibration = nullptr;
 };
 
 /// Plans a graph. Reads no weights.

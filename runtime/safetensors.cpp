@@ -13,6 +13,7 @@
 #include <system_error>
 #include <utility>
 
+#include "runtime/calibration.h"
 #include "runtime/crc32c.h"
 #include "runtime/error.h"
 #include "runtime/safetensors_header.h"
@@ -237,6 +238,11 @@ void SafetensorsFile::check_finite() const {
       throw bad(description_ + ": tensor " + tensors_[i].name + ": element " + std::to_string(*found[i]) +
                 " is not a finite number (byte " +
                 std::to_string(data_start_ + begins_[i] + *found[i] * size_of(tensors_[i].dtype)) + ")");
+}
+
+SafetensorsWeights::SafetensorsWeights(SafetensorsFile file) : file_(std::move(file)) {
+  if (const auto it = file_.metadata().find(kCalibrationKey); it != file_.metadata().end())
+    calibration_ = std::make_shared<const Calibration>(parse_calibration(it->second, file_.description()));
 }
 
 std::optional<Tensor> SafetensorsWeights::find(std::string_view name, const Shape& /*wanted*/) const {

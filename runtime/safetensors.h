@@ -99,15 +99,19 @@ class SafetensorsFile {
 /// The tensors of a safetensors file as a graph's weights.
 class SafetensorsWeights : public WeightSource {
  public:
-  explicit SafetensorsWeights(SafetensorsFile file) : file_(std::move(file)) {}
-  explicit SafetensorsWeights(const std::string& path) : file_(SafetensorsFile::open(path)) {}
+  /// Throws Error(kBadWeights) if the metadata holds a calibration that is not what parse_calibration()
+  /// reads.
+  explicit SafetensorsWeights(SafetensorsFile file);
+  explicit SafetensorsWeights(const std::string& path) : SafetensorsWeights(SafetensorsFile::open(path)) {}
   [[nodiscard]] const SafetensorsFile& file() const noexcept { return file_; }
   [[nodiscard]] std::string description() const override { return file_.description(); }
   [[nodiscard]] std::optional<Tensor> find(std::string_view name, const Shape& wanted) const override;
   [[nodiscard]] std::vector<std::string> names() const override { return file_.names(); }
+  [[nodiscard]] const Calibration* calibration() const override { return calibration_.get(); }
 
  private:
   SafetensorsFile file_;
+  std::shared_ptr<const Calibration> calibration_;
 };
 
 }  // namespace slide

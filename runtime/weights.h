@@ -11,6 +11,8 @@
 
 namespace slide {
 
+struct Calibration;
+
 /// Where the values of a graph's parameters come from: a weight file, a checkpoint, a formula.
 class WeightSource {
  public:
@@ -22,6 +24,8 @@ class WeightSource {
   [[nodiscard]] virtual std::optional<Tensor> find(std::string_view name, const Shape& wanted) const = 0;
   /// The names it holds, in its own order; empty for sources that make tensors up.
   [[nodiscard]] virtual std::vector<std::string> names() const = 0;
+  /// What calibration found for these weights (runtime/calibration.h); null if they were not calibrated.
+  [[nodiscard]] virtual const Calibration* calibration() const { return nullptr; }
 };
 
 /// Tensors in memory by name.

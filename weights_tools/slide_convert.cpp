@@ -5,10 +5,16 @@
 #include <map>
 #include <new>
 #include <string>
+#include <utility>
+#include <vector>
 
+#include "graphs/calibrate.h"
 #include "graphs/catalogue.h"
+#include "render/image_file.h"
+#include "render/photo_layers.h"
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
+#include "runtime/safetensors_writer.h"
 #include "weights_tools/convert.h"
 
 namespace {
@@ -21,7 +27,27 @@ struct Arguments {
   bool list = false;
   bool verify = false;
   std::string model;
+  std::vector<std::string> photos;
 };
+
+/// The file at `path` again, with the calibration by these photos in its metadata.
+void write_calibrated(const std::string& path, const std::string& model,
+                      const std::vector<std::string>& photos) {
+  using namespace slide;
+  std::vector<Tensor> images;
+  for (const std::string& photo : photos) images.push_back(tensor_from_image(read_photo(photo).colour));
+  const SafetensorsWeights weights(path);
+  const Calibration calibration = graphs::calibrate(model, weights, images);
+  Metadata metadata = weights.file().metadata();
+  std::erase_if(metadata, [](const auto& entry) { return entry.first.starts_with("crc32c"); });
+  metadata.insert_or_assign(std::string(kCalibrationKey), text_of(calibration));
+  std::vector<std::pair<std::string, Tensor>> tensors;
+  for (const std::string& name : weights.file().names())
+    tensors.emplace_back(name, weights.file().tensor(name));
+  write_safetensors(path, tensors, metadata);
+  std::printf("%s: %zu layers calibrated with %zu photos\n", path.c_str(), calibration.layers.size(),
+              photos.size());
+}
 
 void run(const Arguments& arguments) {
   using namespace slide;
@@ -38,6 +64,10 @@ void run(const Arguments& arguments) {
   std::printf("%s: %s, %zu tensors, %llu bytes of data\n", arguments.output.c_str(),
               report.model == "any" ? "any model" : report.model.c_str(), report.tensors,
               static_cast<unsigned long long>(report.bytes));
+  if (arguments.photos.empty()) return;
+  if (report.model == "any")
+    throw Error(ErrorKind::kUsage, "weights of any model cannot be calibrated", "give --model");
+  write_calibrated(arguments.output, report.model, arguments.photos);
 }
 
 std::string model_names() {
@@ -74,6 +104,11 @@ int parse_and_run(int argc, char** argv) {
   app.add_option("--dtype", arguments.dtype, "of the result's floating-point tensors")
       ->check(CLI::IsMember({"f32", "f16", "bf16"}))
       ->capture_default_str();
+  app.add_option(
+         "--calibrate", arguments.photos,
+         "photos to find the ranges of 8-bit layers with; they are stored in the result (end the list "
+         "with -- or another option before FILE)")
+      ->type_name("PHOTO...");
   app.add_option("--key", arguments.key,
                  "which set of tensors of a checkpoint that holds several, such as state_dict");
   app.add_flag("--list", arguments.list, "print a table of names, dtypes, shapes and bytes");
@@ -82,6 +117,8 @@ int parse_and_run(int argc, char** argv) {
     app.parse(argc, argv);
     if (!arguments.list && !arguments.verify && arguments.output.empty())
       throw CLI::RequiredError("one of --output, --list and --verify");
+    if (!arguments.photos.empty() && arguments.output.empty())
+      throw CLI::RequiredError("--calibrate needs --output, which");
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : slide::exit_code(slide::ErrorKind::kUsage);
   }

@@ -13,6 +13,7 @@
 #include "render/training_masks.h"
 #include "render/write_image.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 
 namespace slide::run {
 namespace {
@@ -160,6 +161,9 @@ class Job {
                   .maxpool = options_.maxpool};
     o.matte = options_.matte == "auto" ? graphs::MatteUse::kAuto : graphs::MatteUse::kNever;
     o.whole_image = options_.whole_image;
+    const PrecisionChoice choice = precision_choice(options_.precision, options_.error_budget);
+    o.precision = choice.precision;
+    o.error_budget = choice.error_budget;
     o.progress = [this](const std::string& stage, double part, std::string_view) {
       meter_(stage, part);
       return true;

@@ -59,6 +59,8 @@ struct Options {
   int threads = 0;
   std::string isa;
   std::string max_memory;
+  std::string precision;
+  double error_budget = 0;
   bool whole_image = false;
   bool explain = false;
   bool plan = false;

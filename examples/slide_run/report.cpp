@@ -43,6 +43,10 @@ void explain(const JobReport& r) {
     std::fprintf(stderr, "  meshes      %zu triangles (%.1f %% of the full meshes' %zu)\n", r.triangles,
                  100.0 * static_cast<double>(r.triangles) / static_cast<double>(r.full_mesh_triangles),
                  r.full_mesh_triangles);
+  for (const graphs::StageReport& stage : r.stages)
+    if (stage.predicted_error > 0)
+      std::fprintf(stderr, "  %-11s predicted error %.2g; %d layers in bf16, %d in int8\n",
+                   stage.name.c_str(), stage.predicted_error, stage.bf16_layers, stage.int8_layers);
   std::fprintf(stderr, "  memory      %.0f MiB planned at most, %.0f MiB used at most\n",
                mebibytes(r.planned_memory), mebibytes(peak_memory()));
 }
@@ -50,8 +54,13 @@ void explain(const JobReport& r) {
 nlohmann::json to_json(const JobReport& r) {
   nlohmann::json stages = nlohmann::json::array();
   for (const graphs::StageReport& s : r.stages)
-    stages.push_back(
-        {{"name", s.name}, {"seconds", s.seconds}, {"gflop", s.gflop}, {"memory_bytes", s.memory}});
+    stages.push_back({{"name", s.name},
+                      {"seconds", s.seconds},
+                      {"gflop", s.gflop},
+                      {"memory_bytes", s.memory},
+                      {"predicted_error", s.predicted_error},
+                      {"bf16_layers", s.bf16_layers},
+                      {"int8_layers", s.int8_layers}});
   nlohmann::json windows = nlohmann::json::array();
   for (const graphs::Window& w : r.slide.windows) windows.push_back({w.x0, w.y0, w.x1, w.y1});
   const graphs::Layering& l = r.slide.layering;

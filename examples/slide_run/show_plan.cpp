@@ -17,6 +17,12 @@ std::string fixed(double value, int digits) {
   return text;
 }
 
+std::string scientific(double value) {
+  char text[64];
+  std::snprintf(text, sizeof text, "%.1e", value);
+  return text;
+}
+
 std::string mebibytes(std::size_t bytes) { return fixed(static_cast<double>(bytes) / 1048576, 1) + " MiB"; }
 
 /// Multiply-accumulates of a step: those its kernel does and those of the definition.
@@ -39,9 +45,9 @@ std::string operator_of(const Node& node) {
 
 std::string table_of(const graphs::PlannedStage& stage) {
   using enum TextTable::Align;
-  TextTable table(
-      {"node", "operator", "kernel", "shape", "MMAC done", "nominal", "offset", "bytes", "scratch"},
-      {kLeft, kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight});
+  TextTable table({"node", "operator", "kernel", "shape", "MMAC done", "nominal", "offset", "bytes",
+                   "scratch", "precision", "error"},
+                  {kLeft, kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight, kLeft, kRight});
   for (const PlanStep& step : stage.plan.steps) {
     const Node& node = stage.graph->node(step.node);
     const Macs macs = macs_of(*stage.graph, step);
@@ -49,7 +55,8 @@ std::string table_of(const graphs::PlannedStage& stage) {
     table.row({node.name, operator_of(node),
                std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa())),
                node.shape.text(), fixed(1e-6 * macs.done, 3), fixed(1e-6 * macs.nominal, 3),
-               std::to_string(step.offset), std::to_string(bytes), std::to_string(step.scratch_bytes)});
+               std::to_string(step.offset), std::to_string(bytes), std::to_string(step.scratch_bytes),
+               std::string(name_of(step.kernel->precision())), scientific(step.predicted_error)});
   }
   return table.text();
 }
@@ -66,7 +73,8 @@ std::string summary_of(const graphs::PlannedStage& stage) {
          fixed(2e-9 * macs.done, 2) + " GFLOP done, " + fixed(2e-9 * macs.nominal, 2) + " nominal; " +
          mebibytes(plan.memory_bytes()) + " at its peak: " + mebibytes(plan.arena_bytes) +
          " of results and scratch memory (no placement could need less than " +
-         mebibytes(plan.arena_lower_bound) + "), " + mebibytes(plan.weight_bytes) + " of weights\n";
+         mebibytes(plan.arena_lower_bound) + "), " + mebibytes(plan.weight_bytes) +
+         " of weights; predicted error " + scientific(plan.predicted_error) + "\n";
 }
 
 }  // namespace
