@@ -48,6 +48,7 @@ void Draft::set_inputs(int i, std::vector<int> inputs) {
 
 std::vector<Shape> Draft::shapes_of(const std::vector<int>& nodes) const {
   std::vector<Shape> shapes;
+  shapes.reserve(nodes.size());
   for (const int j : nodes) shapes.push_back(node(j).shape);
   return shapes;
 }
