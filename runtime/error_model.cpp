@@ -119,17 +119,17 @@ std::vector<std::size_t> choose_within(std::span<const std::vector<KernelChoice>
   return chosen;
 }
 
-PrecisionChoice precision_choice(std::string_view name, double error_budget) {
-  if (error_budget != 0 && !(error_budget >= kLeastErrorBudget && error_budget <= kLargestErrorBudget))
+PrecisionChoice precision_choice(std::string_view name, std::optional<double> error_budget) {
+  if (error_budget && !(*error_budget >= kLeastErrorBudget && *error_budget <= kLargestErrorBudget))
     throw Error(ErrorKind::kUsage, "the error budget is not between 1e-7 and 0.5",
                 "for example 1e-2 for 1 % of the result's size");
-  if (name == "auto" || (name.empty() && error_budget != 0))
-    return {Precision::kInt8, error_budget != 0 ? error_budget : kDefaultErrorBudget};
+  if (name == "auto" || (name.empty() && error_budget))
+    return {Precision::kInt8, error_budget.value_or(kDefaultErrorBudget)};
   const std::optional<Precision> precision = precision_from_name(name.empty() ? "fp32" : name);
   if (!precision)
     throw Error(ErrorKind::kUsage, "there is no precision named " + std::string(name),
                 "fp32, bf16, int8 or auto");
-  return {*precision, error_budget};
+  return {*precision, error_budget.value_or(0)};
 }
 
 }  // namespace slide

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <optional>
 #include <span>
 #include <string_view>
 #include <vector>
@@ -53,10 +54,10 @@ struct PrecisionChoice {
   double error_budget = 0;
 };
 
-/// From "fp32", "bf16", "int8", "auto" or "", and a budget or 0. "auto" is all precisions within the budget
-/// (kDefaultErrorBudget if there is none); "" is "fp32", with a budget "auto". Throws Error(kUsage) for
-/// anything else and for a budget outside of [kLeastErrorBudget, kLargestErrorBudget].
-[[nodiscard]] PrecisionChoice precision_choice(std::string_view name, double error_budget);
+/// From "fp32", "bf16", "int8", "auto" or "", and perhaps a budget. "auto" is all precisions within the
+/// budget (kDefaultErrorBudget if there is none); "" is "fp32", with a budget "auto". Throws Error(kUsage)
+/// for anything else and for a budget outside of [kLeastErrorBudget, kLargestErrorBudget].
+[[nodiscard]] PrecisionChoice precision_choice(std::string_view name, std::optional<double> error_budget);
 
 /// What a calibrated plan of 8-bit integers may be expected to add up to: photos differ from those of the
 /// calibration, and results are to be within 2 %.

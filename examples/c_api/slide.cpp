@@ -12,6 +12,7 @@
 #include "render/photo_layers.h"
 #include "render/view.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 #include "runtime/threads.h"
 #include "runtime/version.h"
 
@@ -65,6 +66,10 @@ slide::graphs::SlideLayers make_layers(const slide::graphs::SlideInput& input, c
   slide::graphs::SlideOptions options;
   options.layering.parallax = parallax;
   options.memory_limit = s.memory_limit;
+  const slide::PrecisionChoice choice = slide::precision_choice(
+      text(s.precision), s.error_budget == 0 ? std::nullopt : std::optional(s.error_budget));
+  options.precision = choice.precision;
+  options.error_budget = choice.error_budget;
   if (s.progress != nullptr)
     options.progress = [&s](const std::string& stage, double part, std::string_view) {
       return s.progress(s.user, stage.c_str(), part) != 0;
@@ -114,6 +119,8 @@ void slide_settings_init(slide_settings* settings) {
                .memory_limit = 0,
                .depth_weights = nullptr,
                .inpaint_weights = nullptr,
+               .precision = nullptr,
+               .error_budget = 0,
                .progress = nullptr,
                .user = nullptr};
 }

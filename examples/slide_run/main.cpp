@@ -11,6 +11,7 @@
 #include "examples/slide_run/show_plan.h"
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 #include "runtime/threads.h"
 #include "runtime/version.h"
 
@@ -61,6 +62,7 @@ void check_combinations(const Options& o, const std::vector<std::string>& photos
   for (const std::string& photo : photos) (void)output_names(photo, many, o);
   (void)parse_size(o.size, 640, 480);
   if (!o.max_memory.empty()) (void)parse_bytes(o.max_memory);
+  (void)precision_choice(o.precision, o.error_budget);
 }
 
 /// Runs every photo; one that fails does not stop the others. @return the exit code

@@ -5,7 +5,6 @@
 
 #include "runtime/cpu.h"
 #include "runtime/error.h"
-#include "runtime/error_model.h"
 #include "runtime/version.h"
 
 namespace slide::run {
@@ -163,14 +162,13 @@ void declare_running(CLI::App& app, Options& o) {
          "What the networks multiply with: fp32, bf16, int8, or auto: the fastest mix within the error "
          "budget. Default: fp32")
       ->group(running)
-      ->check(CLI::IsMember({"fp32", "bf16", "int8", "auto"}));
+      ->type_name("NAME");
   app.add_option(
          "--error-budget", o.error_budget,
          "Relative error that each network's result may be expected to have, 1e-7 to 0.5; the precisions "
          "down to --precision are mixed. Default: 0.01 for auto")
       ->group(running)
-      ->type_name("E")
-      ->check(CLI::Range(kLeastErrorBudget, kLargestErrorBudget));
+      ->type_name("E");
   app.add_flag("--whole-image", o.whole_image,
                "Inpaint the whole image at once instead of the windows with holes")
       ->group(running);

@@ -60,7 +60,7 @@ struct Options {
   std::string isa;
   std::string max_memory;
   std::string precision;
-  double error_budget = 0;
+  std::optional<double> error_budget;
   bool whole_image = false;
   bool explain = false;
   bool plan = false;

@@ -44,7 +44,7 @@ void explain(const JobReport& r) {
                  100.0 * static_cast<double>(r.triangles) / static_cast<double>(r.full_mesh_triangles),
                  r.full_mesh_triangles);
   for (const graphs::StageReport& stage : r.stages)
-    if (stage.predicted_error > 0)
+    if (stage.gflop > 0)
       std::fprintf(stderr, "  %-11s predicted error %.2g; %d layers in bf16, %d in int8\n",
                    stage.name.c_str(), stage.predicted_error, stage.bf16_layers, stage.int8_layers);
   std::fprintf(stderr, "  memory      %.0f MiB planned at most, %.0f MiB used at most\n",
