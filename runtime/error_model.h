@@ -59,8 +59,11 @@ struct PrecisionChoice {
 /// for anything else and for a budget outside of [kLeastErrorBudget, kLargestErrorBudget].
 [[nodiscard]] PrecisionChoice precision_choice(std::string_view name, std::optional<double> error_budget);
 
-/// What a calibrated plan of 8-bit integers may be expected to add up to: photos differ from those of the
-/// calibration, and results are to be within 2 %.
-inline constexpr double kInt8Error = 1e-2;
+/// Calibrated errors count for so many times what was measured: photos differ, and errors are not quite
+/// independent.
+inline constexpr double kCalibrationMargin = 1.5;
+
+/// What a calibrated plan of 8-bit integers without a budget is expected to add up to, at most.
+inline constexpr double kInt8Error = 1.5e-2;
 
 }  // namespace slide

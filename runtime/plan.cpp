@@ -67,7 +67,8 @@ bool is_step(const Graph& graph, const Plan& plan, int i) {
 double error_at_output(const Graph& graph, int i, const Kernel& kernel, double share,
                        const PlanOptions& options) {
   if (kernel.precision() == Precision::kInt8 && options.calibration != nullptr)
-    if (const LayerCalibration* layer = options.calibration->find(graph, i)) return layer->error;
+    if (const LayerCalibration* layer = options.calibration->find(graph, i))
+      return kCalibrationMargin * layer->error;
   const Node& node = graph.node(i);
   return std::sqrt(share) * kernel.expected_error(*node.op, input_shapes(graph, node));
 }
@@ -87,7 +88,7 @@ std::vector<bool> too_inexact(const Graph& graph, const std::vector<bool>& low, 
     const int index = static_cast<int>(i);
     marked[i] = not_calibrated(graph, index, options);
     if (marked[i]) continue;
-    const double error = options.calibration->find(graph, index)->error;
+    const double error = kCalibrationMargin * options.calibration->find(graph, index)->error;
     squares.emplace_back(error * error, i);
     sum += error * error;
   }

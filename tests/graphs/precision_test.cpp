@@ -1,0 +1,198 @@
+#include <doctest/doctest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "graphs/calibrate.h"
+#include "graphs/compare.h"
+#include "graphs/formula_weights.h"
+#include "graphs/photo_inputs.h"
+#include "ops/fusion/fusion.h"
+#include "render/image_file.h"
+#include "render/photo_layers.h"
+#include "runtime/fast_executor.h"
+#include "runtime/reference_executor.h"
+#include "runtime/safetensors.h"
+#include "runtime/safetensors_writer.h"
+#include "runtime/threads.h"
+#include "tests/graphs/network_support.h"
+#include "tests/temporary_folder.h"
+
+using namespace slide;
+using namespace slide::graphs;
+
+namespace {
+
+constexpr Precision kPrecisions[] = {Precision::kFp32, Precision::kBf16, Precision::kInt8};
+
+/// A photo of examples/photos.
+Tensor photo(const std::string& name) {
+  return tensor_from_image(read_photo(SLIDE_TEST_DATA "/../../examples/photos/" + name + ".png").colour);
+}
+
+constexpr std::int64_t kSide = 160;
+
+/// A network with weights, made ready to run on a photo.
+struct Network {
+  std::string name;
+  std::unique_ptr<WeightSource> weights;
+  PhotoRun run;
+  std::unique_ptr<Graph> fused;
+
+  explicit Network(const std::string& model) : name(model) {
+    if (model.starts_with("slide_"))
+      weights =
+          std::make_unique<SafetensorsWeights>(SLIDE_TEST_DATA "/../../weights/" + model + ".safetensors");
+    else
+      weights = std::make_unique<FormulaWeights>(FormulaWeights::made_up());
+    run = photo_run(model, photo("chelsea"), *weights, kSide);
+    fused = ops::fuse(*run.graph);
+  }
+
+  [[nodiscard]] Tensor reference() const {
+    ReferenceExecutor executor(*run.graph, *weights);
+    executor.run(run.inputs);
+    return executor.tensor("0");
+  }
+  [[nodiscard]] Tensor output(FastExecutor& fast) const {
+    fast.run(run.inputs);
+    return fast.tensor("0").clone();
+  }
+};
+
+/// A network, and by what factor the model of runtime/error_model.h may be wrong about its error. Trained
+/// networks dampen errors somewhat; gated ones, whose gates and saturated units hide most of them, much.
+struct Expectation {
+  const char* model;
+  double under, over;
+};
+constexpr Expectation kExpectations[] = {
+    {"slide_depth", 1.2, 5}, {"slide_matte", 1.2, 5}, {"inpaint_coarse", 1.2, 20}};
+
+bool same_bytes(const Tensor& a, const Tensor& b) {
+  return a.bytes() == b.bytes() && std::memcmp(a.raw().data(), b.raw().data(), a.bytes()) == 0;
+}
+
+double cost_of(const Graph& graph, const Plan& plan) {
+  double cost = 0;
+  for (const PlanStep& step : plan.steps) {
+    std::vector<Shape> shapes;
+    for (const int j : graph.node(step.node).inputs) shapes.push_back(graph.node(j).shape);
+    cost += step.kernel->cost(*graph.node(step.node).op, shapes, graph.node(step.node).shape);
+  }
+  return cost;
+}
+
+int count(const Plan& plan, Precision precision) {
+  int n = 0;
+  for (const PlanStep& step : plan.steps) n += step.kernel->precision() == precision ? 1 : 0;
+  return n;
+}
+
+}  // namespace
+
+TEST_CASE("predicted errors agree with measured ones, budgets are kept, and threads change nothing" *
+          doctest::skip(quick())) {
+  for (const auto& [model, under, over] : kExpectations) {
+    CAPTURE(model);
+    const Network network(model);
+    const Tensor expected = network.reference();
+    for (const Precision precision : kPrecisions) {
+      CAPTURE(name_of(precision));
+      set_thread_count(1);
+      FastExecutor fast(*network.fused, *network.weights, {.precision = precision});
+      const Tensor output = network.output(fast);
+      const double measured = tensor_error(output, expected).rms;
+      const double predicted = fast.plan().predicted_error;
+      CHECK(predicted >= measured / under);
+      CHECK(predicted <= measured * over);
+      if (precision != Precision::kFp32) CHECK(count(fast.plan(), precision) >= 3);
+      set_thread_count(2);
+      FastExecutor both(*network.fused, *network.weights, {.precision = precision});
+      CHECK(same_bytes(network.output(both), output));
+      set_thread_count(0);
+    }
+    double last_cost = INFINITY;
+    for (const double budget : {1e-5, 3e-3, 1e-2, 3e-2}) {
+      CAPTURE(budget);
+      FastExecutor fast(*network.fused, *network.weights,
+                        {.precision = Precision::kInt8, .error_budget = budget});
+      CHECK(fast.plan().predicted_error <= budget);
+      CHECK(tensor_error(network.output(fast), expected).rms <= budget);
+      const double cost = cost_of(*network.fused, fast.plan());
+      CHECK(cost <= last_cost);
+      last_cost = cost;
+    }
+  }
+}
+
+TEST_CASE("a calibrated network keeps its layers' ranges and errors in the weight file, and is exact enough" *
+          doctest::skip(quick())) {
+  const Network network("slide_depth");
+  const Tensor photos[] = {photo("astronaut"), photo("chelsea")};
+  const Calibration calibration = calibrate("slide_depth", *network.weights, photos, kSide);
+  CHECK(calibration.layers.size() >= 30);
+  CHECK(calibration.layers.contains("encoder.blocks.3.project.weight"));
+
+  const TemporaryFolder folder;
+  const std::string path = folder.file("calibrated.safetensors");
+  std::vector<std::pair<std::string, Tensor>> tensors;
+  const SafetensorsFile& file = static_cast<const SafetensorsWeights&>(*network.weights).file();
+  for (const std::string& name : file.names()) tensors.emplace_back(name, file.tensor(name));
+  write_safetensors(path, tensors, {{std::string(kCalibrationKey), text_of(calibration)}});
+  const SafetensorsWeights weights(path);
+  REQUIRE(weights.calibration() != nullptr);
+  REQUIRE(weights.calibration()->layers.size() == calibration.layers.size());
+  for (const auto& [name, layer] : calibration.layers) {
+    const LayerCalibration& read = weights.calibration()->layers.at(name);
+    CHECK(read.range.low == layer.range.low);
+    CHECK(read.range.high == layer.range.high);
+    CHECK(read.error == layer.error);
+    CHECK(layer.error < 0.1);
+  }
+
+  FastExecutor fast(*network.fused, weights, {.precision = Precision::kInt8});
+  CHECK(count(fast.plan(), Precision::kInt8) >= 20);
+  const double error = tensor_error(network.output(fast), network.reference()).rms;
+  CHECK(error <= fast.plan().predicted_error);
+  CHECK(error >= fast.plan().predicted_error / 3);
+  CHECK(fast.plan().predicted_error <= 0.02);
+}
+
+TEST_CASE("the layers of a fused network are found by the names of their weights") {
+  const Network network("inpaint_coarse");
+  Calibration calibration;
+  for (int i = 0; i < static_cast<int>(network.run.graph->nodes().size()); ++i)
+    if (const std::string key = calibration_key(*network.run.graph, i); !key.empty())
+      calibration.layers[key] = {{-8, 8}, 1e-3};
+  int found = 0;
+  for (int i = 0; i < static_cast<int>(network.fused->nodes().size()); ++i)
+    if (network.fused->node(i).kind == NodeKind::kOp && calibration.find(*network.fused, i) != nullptr)
+      ++found;
+  CHECK(found >= 16);
+}
+
+// Of n values in [-1, 1] and one at -100, cut off at L < 0 < 1, the squares are nearly
+// (100 + L)² + n (1 - L)² / (12 · 255²): least at L = -6.4 for n = 10^7.
+TEST_CASE("the best range of a histogram cuts off what is rare and far") {
+  std::vector<float> values;
+  for (std::uint64_t i = 1; i <= 100000; ++i) values.push_back(static_cast<float>(formula_unit("v", i)));
+  ValueHistogram histogram(-100, 1);
+  for (int i = 0; i < 100; ++i) histogram.add(values);
+  const float far[] = {-100};
+  histogram.add(far);
+  const Range range = histogram.best_range();
+  CHECK(range.high > 0.8F);
+  CHECK(range.high <= 1.0F);
+  CHECK(range.low > -9.0F);
+  CHECK(range.low < -4.0F);
+
+  ValueHistogram even(-1, 1);
+  even.add(values);
+  CHECK(even.best_range().low == doctest::Approx(-1).epsilon(0.03));
+  CHECK(even.best_range().high == doctest::Approx(1).epsilon(0.03));
+}
