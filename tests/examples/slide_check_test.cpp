@@ -95,6 +95,20 @@ TEST_CASE("slide_check net compares a golden run") {
   CHECK(json["fused"][0]["max_error"] < 1e-4);  // as in golden_test.cpp
 }
 
+TEST_CASE("slide_check shows the error that a lower precision makes beside the predicted one") {
+  const ProgramResult result = slide_check(
+      {"net", "inpaint_coarse", "--formula-weights", "--golden", kGolden, "--precision", "bf16", "--json"});
+  CHECK(result.code == 0);
+  const nlohmann::json output = nlohmann::json::parse(result.output)["fused"].at(0);
+  // Random weights and noise for a photo amplify errors: docs/precision.md.
+  CHECK(output["rms_error"] > 0.1 * output["predicted_rms_error"].get<double>());
+  CHECK(output["rms_error"] < 10 * output["predicted_rms_error"].get<double>());
+  CHECK(output["predicted_rms_error"] > 1e-3);
+  CHECK(output["predicted_rms_error"] < 2e-2);
+  CHECK(slide_check({"net", "inpaint_coarse", "--formula-weights", "--golden", kGolden, "--precision", "fp8"})
+            .code == 2);
+}
+
 TEST_CASE(
     "slide_check compare sorts by error, and what it dumps passes slide_check op at a lower level too") {
   const TemporaryFolder folder;

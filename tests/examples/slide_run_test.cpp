@@ -180,6 +180,46 @@ TEST_CASE("no more memory is used than was planned") {
   }
 }
 
+TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the report tells") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto depth_stage = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> arguments = {scene.photo, "-o", folder.file("out.png"),
+                                          "--frames",  "2",  "--json"};
+    arguments.insert(arguments.end(), more.begin(), more.end());
+    const ProgramResult result = slide_run(arguments);
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    return nlohmann::json::parse(result.output)["photos"][0]["stages"][1];
+  };
+  const nlohmann::json fp32 = depth_stage({});
+  CHECK(fp32["name"] == "depth");
+  CHECK(fp32["bf16_layers"] == 0);
+  CHECK(fp32["int8_layers"] == 0);
+  CHECK(fp32["predicted_error"] < 1e-5);
+  const nlohmann::json bf16 = depth_stage({"--precision", "bf16"});
+  CHECK(bf16["bf16_layers"] > 10);
+  CHECK(bf16["predicted_error"] > 1e-3);
+  const nlohmann::json int8 = depth_stage({"--precision", "int8"});
+  CHECK(int8["int8_layers"] > 10);
+  CHECK(int8["predicted_error"] > bf16["predicted_error"]);
+  CHECK(depth_stage({"--precision", "auto"})["predicted_error"] <= 1e-2);
+  CHECK(depth_stage({"--error-budget", "1e-3"})["predicted_error"] <= 1e-3);
+
+  const ProgramResult plan = slide_run({scene.photo, "--precision", "int8", "--plan"});
+  CHECK(plan.code == 0);
+  CHECK(contains(plan.output, "predicted error"));
+  CHECK(contains(plan.output, "conv2d.direct_int8"));
+  for (const std::vector<std::string>& wrong : {std::vector<std::string>{"--precision", "fp8"},
+                                                {"--error-budget", "0"},
+                                                {"--error-budget", "nan"},
+                                                {"--error-budget", "1"},
+                                                {"--precision", "fp32", "--error-budget", "1e-7"}}) {
+    std::vector<std::string> arguments = {scene.photo, "-o", folder.file("out.png")};
+    arguments.insert(arguments.end(), wrong.begin(), wrong.end());
+    CHECK_MESSAGE(slide_run(arguments).code == 2, wrong.back());
+  }
+}
+
 TEST_CASE("stereo stills have the shape they should") {
   const TemporaryFolder folder;
   const Scene scene(folder);
