@@ -32,12 +32,10 @@ struct Arguments {
 
 /// The file at `path` again, with the calibration by these photos in its metadata.
 void write_calibrated(const std::string& path, const std::string& model,
-                      const std::vector<std::string>& photos) {
+                      const std::vector<slide::Tensor>& photos) {
   using namespace slide;
-  std::vector<Tensor> images;
-  for (const std::string& photo : photos) images.push_back(tensor_from_image(read_photo(photo).colour));
   const SafetensorsWeights weights(path);
-  const Calibration calibration = graphs::calibrate(model, weights, images);
+  const Calibration calibration = graphs::calibrate(model, weights, photos);
   Metadata metadata = weights.file().metadata();
   std::erase_if(metadata, [](const auto& entry) { return entry.first.starts_with("crc32c"); });
   metadata.insert_or_assign(std::string(kCalibrationKey), text_of(calibration));
@@ -55,6 +53,9 @@ void run(const Arguments& arguments) {
   if (arguments.list) std::fputs(listing(*reader).c_str(), stdout);
   if (arguments.verify) std::puts(verify(*reader).c_str());
   if (arguments.output.empty()) return;
+  std::vector<Tensor> photos;  // read before anything is written
+  for (const std::string& photo : arguments.photos)
+    photos.push_back(tensor_from_image(read_photo(photo).colour));
   const std::map<std::string, DType> types = {
       {"f32", DType::kF32}, {"f16", DType::kF16}, {"bf16", DType::kBF16}};
   const ConvertReport report =
@@ -64,10 +65,10 @@ void run(const Arguments& arguments) {
   std::printf("%s: %s, %zu tensors, %llu bytes of data\n", arguments.output.c_str(),
               report.model == "any" ? "any model" : report.model.c_str(), report.tensors,
               static_cast<unsigned long long>(report.bytes));
-  if (arguments.photos.empty()) return;
+  if (photos.empty()) return;
   if (report.model == "any")
     throw Error(ErrorKind::kUsage, "weights of any model cannot be calibrated", "give --model");
-  write_calibrated(arguments.output, report.model, arguments.photos);
+  write_calibrated(arguments.output, report.model, photos);
 }
 
 std::string model_names() {
