@@ -14,7 +14,7 @@
 namespace slide::ops {
 namespace {
 
-constexpr std::int64_t kMinBlockDepth = 96;
+constexpr std::int64_t kMinBlockDepth = 160;
 constexpr std::int64_t kInt8BlockDepth =
     160;                                  // words of all positions of a tile: most of the first-level cache
 constexpr std::int64_t kTileColumns = 2;  // panels of positions in a task: the weights are read once for them
@@ -150,6 +150,7 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       offsets_.push_back(
           static_cast<std::int32_t>(plane * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x));
     }
+  offsets_.insert(offsets_.end(), kWordsAhead, offsets_.back());
 }
 
 double Conv2dDirect::error_factor() const noexcept {

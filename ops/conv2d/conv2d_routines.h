@@ -30,11 +30,14 @@ struct DepthwiseRow {
   float low, high;  ///< to which results are cut
 };
 
+/// Rows of b are fetched into the cache this many words before they are multiplied.
+inline constexpr std::int64_t kWordsAhead = 6;
+
 /// A block of the depth of a product of words (conv2d_direct.h) for a panel of rows and one of columns.
 struct WordProduct {
-  const float* a;  ///< depth × rows
-  const float* b;  ///< row k at b + offsets[k]
-  const std::int32_t* offsets;
+  const float* a;               ///< depth × rows
+  const float* b;               ///< row k at b + offsets[k]
+  const std::int32_t* offsets;  ///< depth, and kWordsAhead more
   std::int64_t depth;
   std::int64_t row_count, column_count;
   bool exact;          ///< nothing is read behind column_count

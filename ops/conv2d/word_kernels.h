@@ -151,6 +151,8 @@ SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
   const float* a = p.a;
   for (std::int64_t k = 0; k < p.depth; ++k, a += kRows) {
     const float* row = p.b + p.offsets[k];
+    const float* later = p.b + p.offsets[k + kWordsAhead];
+    for (int v = 0; v <= V; ++v) __builtin_prefetch(later + v * kWidth);
     Bits right[V];
     for (int v = 0; v < V - 1; ++v) right[v] = load_words(row + v * kWidth);
     const float* tail = row + (V - 1) * kWidth;
