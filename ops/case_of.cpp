@@ -124,8 +124,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) names.push_back("x" + std::to_string(i));
     return names;
   }
-  if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr)
-    return {"x", "weight", "bias"};
+  if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr) return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
   if (as<PushPullFillOp>(op) != nullptr) return {"x", "weight"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};

@@ -47,10 +47,10 @@ typedef struct slide_settings {
   const char* depth_weights;   /* a safetensors file; NULL (default): the weights inside the library */
   const char* inpaint_weights; /* likewise; NULL (default): the depth-aware fill, no network */
   const char* precision;       /* "fp32", "bf16", "int8" or "auto"; NULL (default): fp32 */
-  double error_budget;         /* relative error that a network's result may be expected to have, the precisions
-                                  down to that one mixed: 1e-7 to 0.5; 0 (default): none, for auto 0.01 */
-  slide_progress progress;     /* NULL (default): none */
-  void* user;                  /* given to it */
+  double error_budget;     /* relative error that a network's result may be expected to have, the precisions
+                              down to that one mixed: 1e-7 to 0.5; 0 (default): none, for auto 0.01 */
+  slide_progress progress; /* NULL (default): none */
+  void* user;              /* given to it */
 } slide_settings;
 
 /* Fills in the defaults. Call it first, so that fields added later have good values. */

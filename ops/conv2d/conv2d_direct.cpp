@@ -259,7 +259,7 @@ std::int64_t Conv2dDirect::planes_size() const noexcept {
 std::size_t Conv2dDirect::scratch_bytes() const noexcept {
   const std::int64_t planes = planes_size();
   const std::int64_t threads = std::min<std::int64_t>(thread_count(), task_count());
-  const std::int64_t thread = (task_panels_ * routines_.rows + 2) * task_columns_;
+  const std::int64_t thread = task_panels_ * routines_.rows * task_columns_;
   return static_cast<std::size_t>(aligned(planes) + threads * thread) * sizeof(float);
 }
 
@@ -443,7 +443,7 @@ void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch)
     planes = memory;
     memory += aligned(planes_size());
   }
-  const std::int64_t thread_size = (task_panels_ * routines_.rows + 2) * task_columns_;
+  const std::int64_t thread_size = task_panels_ * routines_.rows * task_columns_;
   const auto rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - aligned(planes_size());
   const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size);
   std::atomic<std::int64_t> next{0};

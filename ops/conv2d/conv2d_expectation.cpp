@@ -12,7 +12,7 @@ namespace {
 // Measured on 15 layers of 16 to 512 channels, 1×1 to 5×5, strides 1 and 2, dilations 1 to 4, with and
 // without a gate, of normally distributed inputs (ten of them rectified), weights and biases: the error
 // against float64, the larger of what rectified and symmetric inputs give where they differ (8-bit integers:
-// 0.009 and 0.0125, for ranges of 4.5 to 8 times the root mean square), the speed with one thread on a Zen 4
+// 0.009 and 0.0125, for ranges of 4.5 to 8 times the root mean square), the speed with one thread on a Zen 5
 // as the median. Depthwise and grouped layers have no other method of their level that computes as much.
 // bfloat16 and integers are emulated below avx512bf16; neon, which was not measured, is taken to be like
 // baseline.

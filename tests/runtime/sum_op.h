@@ -19,8 +19,7 @@ class SumKernel : public Kernel {
     return static_cast<std::size_t>(output.count()) * sizeof(float);
   }
   double error_factor(const Op&, std::span<const Shape>) const override { return 1; }
-  void run(const Op&, std::span<const Tensor> inputs, Tensor& output,
-           const KernelCall& call) const override {
+  void run(const Op&, std::span<const Tensor> inputs, Tensor& output, const KernelCall& call) const override {
     auto* copy = static_cast<float*>(static_cast<void*>(call.scratch.data()));
     const std::span<float> y = output.mutable_data<float>();
     for (std::size_t i = 0; i < y.size(); ++i) copy[i] = inputs[0].data<float>()[i];
