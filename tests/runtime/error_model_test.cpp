@@ -139,10 +139,10 @@ TEST_CASE("a broken calibration is refused, naming the file and what is wrong") 
       {layer(R"({"range":[1,-1],"error":0})"), "does not hold zero"},
       {layer(R"({"range":[0,0],"error":0})"), "does not hold zero"},
       {layer(R"({"range":[0,1],"error":-1})"), "negative error"}};
-  for (const auto& [text, what] : broken) {
-    CAPTURE(text);
-    const std::string message = problem(text);
+  for (const auto& entry : broken) {
+    CAPTURE(entry.first);
+    const std::string message = problem(entry.first);
     CHECK(message.find("file.safetensors") != std::string::npos);
-    CHECK(message.find(what) != std::string::npos);
+    CHECK(message.find(entry.second) != std::string::npos);
   }
 }
