@@ -97,9 +97,9 @@ int count(const Plan& plan, Precision precision) {
 
 TEST_CASE("predicted errors agree with measured ones, budgets are kept, and threads change nothing" *
           doctest::skip(quick())) {
-  for (const auto& [model, under, over] : kExpectations) {
-    CAPTURE(model);
-    const Network network(model);
+  for (const Expectation& expected_of : kExpectations) {
+    CAPTURE(expected_of.model);
+    const Network network(expected_of.model);
     const Tensor expected = network.reference();
     for (const Precision precision : kPrecisions) {
       CAPTURE(name_of(precision));
@@ -108,8 +108,8 @@ TEST_CASE("predicted errors agree with measured ones, budgets are kept, and thre
       const Tensor output = network.output(fast);
       const double measured = tensor_error(output, expected).rms;
       const double predicted = fast.plan().predicted_error;
-      CHECK(predicted >= measured / under);
-      CHECK(predicted <= measured * over);
+      CHECK(predicted >= measured / expected_of.under);
+      CHECK(predicted <= measured * expected_of.over);
       if (precision != Precision::kFp32) CHECK(count(fast.plan(), precision) >= 3);
       set_thread_count(2);
       FastExecutor both(*network.fused, *network.weights, {.precision = precision});
