@@ -158,6 +158,11 @@ def plot(result):
     return '\n'.join(out + ['</svg>', ''])
 
 
+def stage_name(name):
+    """Without the folder of the file that is written."""
+    return 'writing ' + os.path.basename(name) if name.startswith('writing ') else name
+
+
 def stage_lines(results):
     lines = ['## Layering, and a whole 3D photo', '']
     for r in results.get('layering', []):
@@ -166,7 +171,7 @@ def stage_lines(results):
             lines.append(f'- Soft layering at 672×1008, {r["threads"]} thread(s): {r["ms"]:.1f} ms, peak memory {r["peak_kib"] / 1024:.0f} MiB, RMS error at most {error:.1e}.')
     for r in results.get('slide_run', []):
         if 'seconds' in r:
-            stages = ', '.join(f'{name} {seconds:.2f} s' for name, seconds in r['stages'].items())
+            stages = ', '.join(f'{stage_name(name)} {seconds:.2f} s' for name, seconds in r['stages'].items())
             lines.append(f'- `slide_run` from a photo of 1008×672 to the last of {r["frames"]} frames (Y4M), {r["threads"]} thread(s): {r["seconds"]:.2f} s, '
                          f'peak memory {r["peak_bytes"] / 2**20:.0f} MiB ({stages}; the rest is rendering and files).')
     return lines
