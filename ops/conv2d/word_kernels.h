@@ -46,9 +46,8 @@ SLIDE_INLINE Float cut(Float x, float low, float high) {
   return simd::min(simd::broadcast(high), simd::max(simd::broadcast(low), x));
 }
 
-/// One float32.
-struct Fp32 {
-  static constexpr int kLanes = 1;
+/// Sums in float32.
+struct FloatSums {
   using Sum = Float;
   static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
   static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
@@ -56,20 +55,18 @@ struct Fp32 {
   static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
   static SLIDE_INLINE void store(float* sums, Sum sum) { simd::store(sums, sum); }
   static SLIDE_INLINE Float result(const WordProduct&, int, Sum sum) { return sum; }
+};
+
+/// One float32.
+struct Fp32 : FloatSums {
+  static constexpr int kLanes = 1;
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) { return simd::fma(as_float(a), as_float(b), sum); }
   static SLIDE_INLINE Bits word(const WordRow&, const Float* x) { return simd::bits_of(x[0]); }
 };
 
 /// Two bfloat16: the first in the low half.
-struct Bf16 {
+struct Bf16 : FloatSums {
   static constexpr int kLanes = 2;
-  using Sum = Float;
-  static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
-  static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
-  static SLIDE_INLINE Sum zero() { return simd::zero(); }
-  static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
-  static SLIDE_INLINE void store(float* sums, Sum sum) { simd::store(sums, sum); }
-  static SLIDE_INLINE Float result(const WordProduct&, int, Sum sum) { return sum; }
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
 #if defined(__AVX512BF16__)
     __m512bh left, right;
