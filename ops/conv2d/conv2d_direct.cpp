@@ -32,19 +32,6 @@ std::int64_t block_depth_for(std::int64_t depth, Precision precision) {
   return divide_up(depth, divide_up(depth, most));
 }
 
-/// A 1×1 convolution that reads every pixel once sees the image as a single row.
-bool reads_once(const Conv2dGeometry& g) {
-  return g.kheight == 1 && g.kwidth == 1 && g.stride_y == 1 && g.stride_x == 1 && g.oheight == g.height &&
-         g.owidth == g.width && g.top == 0 && g.left == 0;
-}
-
-Conv2dGeometry with_rows_joined(Conv2dGeometry g, bool upsampled) {
-  if (upsampled || !reads_once(g)) return g;
-  g.width = g.owidth = g.plane();
-  g.height = g.oheight = 1;
-  return g;
-}
-
 std::int64_t lanes_of(Precision precision) {
   switch (precision) {
     case Precision::kBf16:
@@ -107,7 +94,7 @@ bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                            const Conv2dFusion& fusion, Precision precision)
     : routines_(routines),
-      g_(with_rows_joined(geometry, fusion.upsample_input)),
+      g_(with_rows_joined(geometry)),
       precision_(precision),
       gated_(fusion.gate),
       upsampled_(fusion.upsample_input),
@@ -173,13 +160,6 @@ std::size_t Conv2dDirect::packed_bytes() const noexcept {
   return static_cast<std::size_t>(rows * (depth_ + (precision_ == Precision::kInt8 ? 2 : 0))) * sizeof(float);
 }
 
-/// The output channel in row `row` of a group's packed weights. Gated: each feature is followed by its gate,
-/// so that a task has both.
-std::int64_t Conv2dDirect::channel_of_row(std::int64_t group, std::int64_t row) const noexcept {
-  if (!gated_) return group * g_.group_oc + row;
-  return row / 2 + (row % 2 == 0 ? 0 : g_.oc / 2);
-}
-
 double Conv2dDirect::weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
                                std::int64_t tap) const noexcept {
   const float* kernel = weight + (filter * g_.group_ic + channel) * g_.kheight * g_.kwidth;
@@ -220,7 +200,7 @@ void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
     for (std::int64_t m = 0; m < rows; ++m) {
       const std::int64_t row = panel % panels_ * rows + m;
       const bool inside = row < g_.group_oc;
-      const std::int64_t filter = inside ? channel_of_row(panel / panels_ % g_.groups, row) : 0;
+      const std::int64_t filter = inside ? filter_of_row(g_, gated_, panel / panels_ % g_.groups, row) : 0;
       float step = 1;
       if (precision_ == Precision::kInt8) {
         double largest = 0;
@@ -356,7 +336,7 @@ void Conv2dDirect::run_panel(const Task& t, const Conv2dArrays& arrays, const Qu
   const std::int64_t row_count = std::min(rows, g_.group_oc - panel * rows);
   for (std::int64_t m = 0; m < row_count; ++m) {
     const auto at = static_cast<std::size_t>(m);
-    if (arrays.bias != nullptr) bias[at] = arrays.bias[channel_of_row(t.group, panel * rows + m)];
+    if (arrays.bias != nullptr) bias[at] = arrays.bias[filter_of_row(g_, gated_, t.group, panel * rows + m)];
     start[at] = bias[at];
     if (precision_ != Precision::kInt8) continue;
     // What the zero point adds to each sum is taken off.
@@ -398,7 +378,7 @@ void Conv2dDirect::write_tile(const Task& t, const Conv2dArrays& arrays, float* 
     for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
       float* sums = panel + (row - first_row) * columns;
       if (gated_) routines_.gate(sums, sums + columns, sums, count);
-      write_row(t, arrays, channel_of_row(t.group, row), sums, t.first + column, count);
+      write_row(t, arrays, filter_of_row(g_, gated_, t.group, row), sums, t.first + column, count);
     }
   }
 }

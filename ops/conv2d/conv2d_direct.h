@@ -50,7 +50,6 @@ class Conv2dDirect {
   struct Quantiser {
     float step = 1, zero = 0;
   };
-  [[nodiscard]] std::int64_t channel_of_row(std::int64_t group, std::int64_t row) const noexcept;
   [[nodiscard]] std::int64_t planes_size() const noexcept;
   [[nodiscard]] std::int64_t task_count() const noexcept;
   [[nodiscard]] Task task(std::int64_t index) const noexcept;

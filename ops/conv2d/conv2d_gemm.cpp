@@ -20,16 +20,6 @@ std::int64_t block_depth_for(std::int64_t depth) {
   return std::min(depth, std::max(kMinBlockDepth, divide_up(root, 8) * 8));
 }
 
-/// A 1×1 convolution that reads every pixel once sees the image as a single row.
-Conv2dGeometry with_rows_joined(Conv2dGeometry g) {
-  const bool pointwise = g.kheight == 1 && g.kwidth == 1 && g.stride_y == 1 && g.stride_x == 1 &&
-                         g.oheight == g.height && g.owidth == g.width && g.top == 0 && g.left == 0;
-  if (!pointwise) return g;
-  g.width = g.owidth = g.plane();
-  g.height = g.oheight = 1;
-  return g;
-}
-
 }  // namespace
 
 struct Conv2dGemm::Task {
@@ -91,13 +81,6 @@ Conv2dGemm::Task Conv2dGemm::task(std::int64_t index) const noexcept {
   return t;
 }
 
-/// The output channel in row `row` of a group's packed weights. Gated: each feature is followed by its gate,
-/// so that a task has both.
-std::int64_t Conv2dGemm::channel_of_row(std::int64_t group, std::int64_t row) const noexcept {
-  if (!gated_) return group * g_.group_oc + row;
-  return row / 2 + (row % 2 == 0 ? 0 : g_.oc / 2);
-}
-
 /// Panels of `rows` output channels, in each the weights k by k; zeros below the last channel.
 void Conv2dGemm::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = routines_.rows;
@@ -107,7 +90,8 @@ void Conv2dGemm::pack(const float* weight, std::byte* packed) const {
     float* to = panels + panel * depth_ * rows;
     for (std::int64_t m = 0; m < rows; ++m) {
       const bool inside = first + m < g_.group_oc;
-      const float* from = inside ? weight + channel_of_row(panel / panels_, first + m) * depth_ : nullptr;
+      const float* from =
+          inside ? weight + filter_of_row(g_, gated_, panel / panels_, first + m) * depth_ : nullptr;
       for (std::int64_t k = 0; k < depth_; ++k) to[k * rows + m] = inside ? from[k] : 0.0F;
     }
   });
@@ -123,7 +107,7 @@ void Conv2dGemm::run_task(const Task& t, const Conv2dArrays& arrays, float* memo
   for (std::int64_t row = t.first_panel * rows; row < t.last_panel * rows; ++row) {
     const bool biased = arrays.bias != nullptr && row < last_row;
     std::fill_n(tile + (row - t.first_panel * rows) * columns, columns,
-                biased ? arrays.bias[channel_of_row(t.group, row)] : 0.0F);
+                biased ? arrays.bias[filter_of_row(g_, gated_, t.group, row)] : 0.0F);
   }
   const ColumnSource source{arrays.x + (t.image * g_.ic + t.group * g_.group_ic) * g_.plane(),
                             g_.height,
@@ -156,7 +140,8 @@ void Conv2dGemm::write_tile(const Task& t, float* tile, const Conv2dArrays& arra
   const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
   for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
     float* from = tile + (row - first_row) * columns;
-    const std::int64_t at = (t.image * channels + channel_of_row(t.group, row)) * g_.oplane() + t.first;
+    const std::int64_t at =
+        (t.image * channels + filter_of_row(g_, gated_, t.group, row)) * g_.oplane() + t.first;
     if (gated_) routines_.gate(from, from + columns, from, t.count);
     epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
                      t.count);

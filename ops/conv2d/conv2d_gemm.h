@@ -39,7 +39,6 @@ class Conv2dGemm {
  private:
   struct Task;
   [[nodiscard]] Task task(std::int64_t index) const noexcept;
-  [[nodiscard]] std::int64_t channel_of_row(std::int64_t group, std::int64_t row) const noexcept;
   void run_task(const Task& task, const Conv2dArrays& arrays, float* memory) const;
   void write_tile(const Task& task, float* tile, const Conv2dArrays& arrays) const;
 

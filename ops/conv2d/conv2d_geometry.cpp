@@ -75,6 +75,24 @@ Conv2dGeometry conv2d_geometry(std::string_view op, std::span<const Shape> input
   return g;
 }
 
+bool reads_once(const Conv2dGeometry& g) noexcept {
+  return g.kheight == 1 && g.kwidth == 1 && g.stride_y == 1 && g.stride_x == 1 && g.oheight == g.height &&
+         g.owidth == g.width && g.top == 0 && g.left == 0;
+}
+
+Conv2dGeometry with_rows_joined(Conv2dGeometry g) noexcept {
+  if (!reads_once(g)) return g;
+  g.width = g.owidth = g.plane();
+  g.height = g.oheight = 1;
+  return g;
+}
+
+std::int64_t filter_of_row(const Conv2dGeometry& g, bool gated, std::int64_t group,
+                           std::int64_t row) noexcept {
+  if (!gated) return group * g.group_oc + row;
+  return row / 2 + (row % 2 == 0 ? 0 : g.oc / 2);
+}
+
 TapRange tap_range(std::int64_t offset, std::int64_t stride, std::int64_t extent,
                    std::int64_t output_extent) noexcept {
   const std::int64_t first = offset >= 0 ? 0 : (-offset + stride - 1) / stride;

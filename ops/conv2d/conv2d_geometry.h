@@ -31,6 +31,17 @@ struct Conv2dGeometry {
 [[nodiscard]] Conv2dGeometry conv2d_geometry(std::string_view op, std::span<const Shape> inputs,
                                              const Conv2dParams& params);
 
+/// Whether it is a 1×1 convolution that reads every pixel once.
+[[nodiscard]] bool reads_once(const Conv2dGeometry& g) noexcept;
+
+/// The same convolution over the image as a single row, where it reads_once(); else as it is.
+[[nodiscard]] Conv2dGeometry with_rows_joined(Conv2dGeometry g) noexcept;
+
+/// The filter in row `row` of a group's packed weights. Gated (one group): each feature is followed by its
+/// gate, so that a task has both.
+[[nodiscard]] std::int64_t filter_of_row(const Conv2dGeometry& g, bool gated, std::int64_t group,
+                                         std::int64_t row) noexcept;
+
 /// The output positions first <= o < last that read inside the input, o·stride + offset in [0, extent).
 struct TapRange {
   std::int64_t first, last;

@@ -195,11 +195,6 @@ std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
   return static_cast<std::size_t>(frequencies_ * panels_ * g_.ic * winograd_.rows) * sizeof(float);
 }
 
-/// Gated: each feature is followed by its gate.
-std::int64_t Conv2dWinogradBase::filter_of_row(std::int64_t row) const noexcept {
-  return gated_ ? row / 2 + (row % 2 == 0 ? 0 : g_.oc / 2) : row;
-}
-
 /// U as [frequency][part of the channels][panel][channel][row], zeros below the last filter.
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = winograd_.rows;
@@ -216,8 +211,8 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
       float* first = to + (part * panels_ + panel * depth + c - part) * rows;
       for (std::int64_t m = 0; m < inside; ++m)
         for (std::int64_t tap = 0; tap < 9; ++tap)
-          taps[static_cast<std::size_t>(tap * rows + m)] =
-              static_cast<double>(weight[(filter_of_row(panel * rows + m) * g_.ic + c) * 9 + tap]);
+          taps[static_cast<std::size_t>(tap * rows + m)] = static_cast<double>(
+              weight[(filter_of_row(g_, gated_, 0, panel * rows + m) * g_.ic + c) * 9 + tap]);
       winograd_filters(matrices, taps.data(), count, u.data());
       for (std::int64_t f = 0; f < frequencies_; ++f)
         for (std::int64_t m = 0; m < rows; ++m)
@@ -402,7 +397,7 @@ void Conv2dWinogradBase::transform_filters(const Run& run, const float* products
   out.row_size = row_size;
   for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
     out.m = products + (row - run.first_filter) * winograd_.columns;
-    out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(row)] : 0.0F;
+    out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
     out.sums = gated_ && row % 2 == 1 ? sums + tile_ * row_size : sums;
     transforms_.output(points_, out);
     if (!gated_ || row % 2 == 1) write_filter(run, row, sums, arrays);

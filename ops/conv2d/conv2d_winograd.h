@@ -60,7 +60,6 @@ class Conv2dWinogradBase {
  private:
   struct Strip;
   struct Run;
-  [[nodiscard]] std::int64_t filter_of_row(std::int64_t row) const noexcept;
   [[nodiscard]] std::int64_t strips() const noexcept;
   [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
   [[nodiscard]] std::int64_t tasks_of(std::int64_t tile_panels) const noexcept;
