@@ -40,7 +40,7 @@ constexpr double kLayeringParallax = 40;  // pixels: 4 % of 1008
 struct Arguments {
   std::string network, size, weights = "formula", inputs, reference, isa, precision = "fp32";
   int threads = 0, runs = 5;
-  bool json = false, serve = false, profile = false;
+  bool json = false, serve = false, profile = false, nodes = false;
 };
 
 /// Tells the executor how to compute: the one place where flags become its options.
@@ -264,6 +264,26 @@ json by_kernel(const Profile& profile) {
   return all;
 }
 
+/// Every node with the median of its times over `runs` runs.
+json by_node(Bench& bench, int runs) {
+  std::vector<Profile> profiles(static_cast<std::size_t>(runs));
+  for (Profile& profile : profiles) bench.run(&profile);
+  json all = json::array();
+  for (std::size_t i = 0; i < profiles[0].size(); ++i) {
+    NodeProfile node = profiles[0][i];
+    std::vector<double> seconds;
+    for (const Profile& profile : profiles) seconds.push_back(profile[i].seconds);
+    std::ranges::sort(seconds);
+    node.seconds = seconds[seconds.size() / 2];
+    all.push_back({{"node", node.node},
+                   {"kernel", node.kernel},
+                   {"ms", 1e3 * node.seconds},
+                   {"gflops", node.gflops()},
+                   {"gbytes", node.gigabytes_per_second()}});
+  }
+  return all;
+}
+
 json measure(Bench& bench, const Arguments& a) {
   bench.run();
   std::vector<double> times;
@@ -278,6 +298,7 @@ json measure(Bench& bench, const Arguments& a) {
     bench.run(&profile);
     report["kernels"] = by_kernel(profile);
   }
+  if (a.nodes) report["nodes"] = by_node(bench, a.runs);
   if (!a.reference.empty()) report["error"] = bench.errors(a.reference);
   return report;
 }
@@ -298,6 +319,11 @@ void print(const json& report, const Arguments& a) {
     for (const json& k : report["kernels"])
       std::printf("  %9.2f ms %8.1f GFLOP/s  %4d x %s\n", k["ms"].get<double>(), k["gflops"].get<double>(),
                   k["nodes"].get<int>(), k["kernel"].get<std::string>().c_str());
+  if (report.contains("nodes"))
+    for (const json& n : report["nodes"])
+      std::printf("  %9.3f ms %8.1f GFLOP/s %6.1f GB/s  %s  %s\n", n["ms"].get<double>(),
+                  n["gflops"].get<double>(), n["gbytes"].get<double>(),
+                  n["kernel"].get<std::string>().c_str(), n["node"].get<std::string>().c_str());
 }
 
 int run(CLI::App& app, int argc, char** argv) {
@@ -316,6 +342,7 @@ int run(CLI::App& app, int argc, char** argv) {
       ->capture_default_str();
   app.add_flag("--json", a.json, "print a JSON object");
   app.add_flag("--profile", a.profile, "also the time by kernel");
+  app.add_flag("--nodes", a.nodes, "also the time by node (median of the runs)");
   app.add_flag("--serve", a.serve, "obey lines from standard input");
   try {
     app.parse(argc, argv);
