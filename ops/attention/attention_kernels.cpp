@@ -20,6 +20,15 @@ SLIDE_INLINE void store_some(float* p, Float x, std::int64_t count) {
     simd::store_partial(p, x, static_cast<std::size_t>(count));
 }
 
+void sum(std::span<const float* const> x, const float* scale, float* y, std::int64_t count) {
+  for (std::int64_t j = 0; j < count; j += kWidth) {
+    const std::int64_t rest = count - j;
+    Float total = load_some(x[0] + j, rest);
+    for (std::size_t i = 1; i < x.size(); ++i) total = total + load_some(x[i] + j, rest);
+    store_some(y + j, scale != nullptr ? total * load_some(scale + j, rest) : total, rest);
+  }
+}
+
 void add_scaled(float factor, const float* x, float* y, std::int64_t count) {
   const Float f = simd::broadcast(factor);
   for (std::int64_t j = 0; j < count; j += kWidth)
@@ -59,6 +68,7 @@ float exponentials(float top, float* x, std::int64_t count) {
 }  // namespace
 
 extern const AttentionRoutines attention;
-const AttentionRoutines attention{Isa::SLIDE_ISA_ENUM, kWidth, add_scaled, multiply, largest, exponentials};
+const AttentionRoutines attention{Isa::SLIDE_ISA_ENUM, kWidth, sum, add_scaled, multiply, largest,
+                                  exponentials};
 
 }  // namespace slide::ops::SLIDE_ISA

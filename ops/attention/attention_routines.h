@@ -12,6 +12,8 @@ struct AttentionRoutines {
   Isa isa;
   std::int64_t width;  ///< lanes of a vector
 
+  /// y[j] = (x[0][j] + x[1][j] + ...) · scale[j], added in order; at least one x; scale may be null: 1.
+  void (*sum)(std::span<const float* const> x, const float* scale, float* y, std::int64_t count);
   /// y[j] += factor · x[j].
   void (*add_scaled)(float factor, const float* x, float* y, std::int64_t count);
   /// y[j] = (y[j] · x[j]) · factor.

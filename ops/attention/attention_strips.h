@@ -16,48 +16,68 @@ namespace slide::ops {
 /// columns background positions, the other way round than in the definition, so that softmax runs along
 /// memory.
 ///
-/// Scores of a strip are a convolution of the reduced background with the strip's patches as filters. Fusing
-/// along rows needs the neighbours of a strip in the same order, and fusing along columns the strips above
-/// and below (and, where the column-major order wraps, the first and the last strip), kept in a few slots.
-/// The mixture of patches is a convolution, too: of each background channel with the strip's weights as a
-/// dilated filter of the size of the grid of positions.
+/// Patches that overlap share their products. The score of two patches is the sum, over the offsets within a
+/// patch, of products of single pixels at equally moved positions: pixels are multiplied once (a matrix
+/// product of depth C instead of C·patch²), and added along the columns, then along the rows. In the result
+/// four patches overlap in every block of rate × rate pixels: their weights are added first, at equally moved
+/// positions, and one product gives the block (rate² instead of 4·rate² pixels for each pair).
+///
+/// Positions inside the hole are not left out: as queries their results are part of the definition, and as
+/// keys the fuse kernel carries their scores to neighbours.
 class AttentionStrips {
  public:
   AttentionStrips(const AttentionRoutines& routines, const Conv2dRoutines& conv,
                   const AttentionGeometry& geometry);
 
   [[nodiscard]] std::size_t scratch_bytes() const noexcept;
-  /// With c_s the roundings that a score's products meet (convolution, norm, twice fusing, softmax_scale) the
-  /// scores are off by c_s·u·E. Each weight then is off, relatively and in first order, by softmax_scale·(E +
-  /// mean E) times c_s·u, by u times its exponent, which is at most softmax_scale·(E + mean E) + ln n (the
-  /// largest score lies within ln n of the mean under the softmax), by 2u of exp, and by the roundings of the
-  /// sum and the division. The mixture adds its convolution's factor. 1.1 stands for what is not of first
-  /// order while c_s·u·softmax_scale·E is below 0.1.
+  /// With c_s the roundings that a score's products meet (matrix product, sums along columns and rows, norm,
+  /// twice fusing, softmax_scale) the scores are off by c_s·u·E. Each weight then is off, relatively and in
+  /// first order, by softmax_scale·(E + mean E) times c_s·u, by u times its exponent, which is at most
+  /// softmax_scale·(E + mean E) + ln n (the largest score lies within ln n of the mean under the softmax), by
+  /// 2u of exp, and by the roundings of the sum and the division. The mixture adds those of four weights and
+  /// its matrix product's. 1.1 stands for what is not of first order while c_s·u·softmax_scale·E is below
+  /// 0.1.
   [[nodiscard]] double error_factor() const noexcept;
+  /// Of the two products and of fusing, if every strip is made once.
+  [[nodiscard]] double macs() const noexcept;
   /// fuse_weight may be null: the identity.
   void run(const float* foreground, const float* background, const float* mask, const float* fuse_weight,
            float* y, std::span<std::byte> scratch) const;
 
  private:
   struct Memory;
+  class HeldRows;
+  struct Held;
   /// The floats of each array of Memory, in their order.
-  [[nodiscard]] std::array<std::int64_t, 10> sizes() const noexcept;
+  [[nodiscard]] std::array<std::int64_t, 15> sizes() const noexcept;
   [[nodiscard]] Memory memory(std::span<std::byte> scratch) const noexcept;
-  static void convolve(const Conv2dGemm& method, const float* x, const float* weight, float* y,
+  static void multiply(const Conv2dGemm& method, const float* x, const float* weight, float* y,
                        std::span<std::byte> memory);
   void prepare(const float* foreground, const float* background, const float* mask, const float* fuse_weight,
                const Memory& m) const;
-  void score_strip(std::int64_t row, float* fused, const Memory& m) const;
+  void reduce(const float* foreground, const float* background, const Memory& m) const;
+  void list_blocks(const float* background, const Memory& m) const;
+  void line_strip(std::int64_t row, float* lines, const Memory& m) const;
+  void score_strip(std::int64_t row, float* scores, HeldRows& lines, const Memory& m) const;
+  void fuse_strip(std::int64_t row, float* fused, Held& held, const Memory& m) const;
   void fuse_columns(std::int64_t row, const std::vector<const float*>& strips, const Memory& m) const;
-  void softmax(const Memory& m) const;
-  void paste(std::int64_t row, const float* background, float* y, const Memory& m) const;
+  void softmax(std::int64_t row, const Memory& m) const;
+  void paste(std::int64_t block_row, float* y, const Memory& m) const;
+  /// Weights of foreground position (row, x) over the background, with a column of zeros behind each row of
+  /// positions and zeros before and behind.
+  [[nodiscard]] float* weights_of(std::int64_t row, std::int64_t x, const Memory& m) const noexcept;
 
   const AttentionRoutines& routines_;
   AttentionGeometry g_;
-  std::int64_t n_;         // positions
-  std::int64_t reach_;     // of the fuse kernel
-  std::int64_t extended_;  // a strip and its neighbours in row-major order
-  Conv2dGemm scores_;
+  std::int64_t n_;           // positions
+  std::int64_t margin_;      // around the positions of which single pixels are multiplied: of the patch
+  std::int64_t line_width_;  // of the positions with their margin
+  std::int64_t line_count_;  // of them all
+  std::int64_t reach_;       // of the fuse kernel
+  std::int64_t score_rows_;  // that row-major fusing of one needs
+  std::int64_t weight_size_;
+  std::int64_t blocks_;  // of rate × rate pixels
+  Conv2dGemm pixels_;
   Conv2dGemm mixture_;
 };
 

@@ -30,6 +30,10 @@ class AttentionKernel : public LevelKernel<ContextualAttentionOp, AttentionRouti
                                           const Shape& /*output*/) const override {
     return method(static_cast<const ContextualAttentionOp&>(op), inputs).scratch_bytes();
   }
+  [[nodiscard]] double macs(const Op& op, std::span<const Shape> inputs,
+                            const Shape& /*output*/) const override {
+    return method(static_cast<const ContextualAttentionOp&>(op), inputs).macs();
+  }
 
  private:
   [[nodiscard]] AttentionStrips method(const ContextualAttentionOp& op, std::span<const Shape> inputs) const {
