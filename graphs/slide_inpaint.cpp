@@ -4,6 +4,8 @@
 #include "graphs/layers.h"
 #include "ops/fill/fill.h"
 #include "ops/pointwise/pointwise.h"
+#include "ops/pool/pool.h"
+#include "ops/reduce/reduce.h"
 #include "ops/resize/resize.h"
 #include "ops/tensor_shape/tensor_shape.h"
 
@@ -12,7 +14,26 @@ namespace {
 
 constexpr int kSweeps = 4;
 constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pixel is background
-constexpr double kRest = 1e-6;
+constexpr double kRest = 1e-8;
+constexpr std::int64_t kRim = 5;    // pixels: side of the window that says whether known background is near
+constexpr double kLike = 1.0 / 64;  // squared difference of colours that says nothing
+
+struct Fill {
+  Value rgbd;
+  Value weight;  ///< of the colours
+};
+
+Value squared(Value x) { return ops::mul(x, x); }
+
+Value difference(Value x, Value y) { return ops::reduce_mean(squared(ops::sub(x, y)), {1}); }
+
+Fill fill(Value rgbd, Value disparity, Value hole) {
+  const Value rgb = ops::slice(rgbd, 1, 0, 3);
+  const Value weight = background_weight(disparity, hole);
+  const Value colours = colour_weight(rgb, weight, hole);
+  const Value behind = ops::push_pull_fill(ops::slice(rgbd, 1, 3, 4), weight, kSweeps);
+  return {tapped("filled", ops::concat({ops::push_pull_fill(rgb, colours, kSweeps), behind}, 1)), colours};
+}
 
 /// The paper's coarse network without its masking and its tanh.
 Value correction(Value x) {
@@ -43,16 +64,27 @@ Value background_weight(Value disparity, Value hole) {
   return ops::clip(ops::mul(ops::affine(hole, -1, 1), behind), kRest, 1);
 }
 
-Value background_fill(Value image, Value disparity, Value hole) {
-  return ops::push_pull_fill(image, background_weight(disparity, hole), kSweeps);
+Value colour_weight(Value rgb, Value weight, Value hole) {
+  const Value covers = ops::clip(ops::sub(ops::affine(hole, -1, 1), weight), kRest, 1);
+  const Value behind = squared(difference(rgb, ops::push_pull_fill(rgb, weight, kSweeps)));
+  const Value before = squared(difference(rgb, ops::push_pull_fill(rgb, covers, kSweeps)));
+  const Value likely = ops::div(before, ops::affine(ops::add(behind, before), 1, kLike * kLike));
+  constexpr std::int64_t kPad = kRim / 2;
+  const Value near = ops::max_pool2d(
+      weight, {.kernel = {kRim, kRim}, .stride = {1, 1}, .padding = {kPad, kPad, kPad, kPad}});
+  return ops::maximum(weight, ops::mul(near, likely));
+}
+
+Value background_fill(Value rgbd, Value disparity, Value hole) {
+  require_image("background_fill", rgbd, 4, 1);
+  return fill(rgbd, disparity, hole).rgbd;
 }
 
 Value slide_inpaint(Value rgbd, Value disparity, Value hole) {
   require_image("slide_inpaint", rgbd, 4, 4);
   require_image("slide_inpaint", disparity, 1, 4);
   require_image("slide_inpaint", hole, 1, 4);
-  const Value weight = background_weight(disparity, hole);
-  const Value filled = tapped("filled", ops::push_pull_fill(rgbd, weight, kSweeps));
+  const auto [filled, weight] = fill(rgbd, disparity, hole);
   return ops::add(filled, correction(ops::concat({filled, weight, hole}, 1)));
 }
 

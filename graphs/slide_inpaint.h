@@ -9,24 +9,34 @@ namespace slide::graphs {
 /// Which pixels show what lies behind the hole: 1 for background, 0 for the hole and for what covers it. The
 /// disparity of the hole's pixels (the front) is spread over the picture by a push-pull fill; a pixel belongs
 /// to the background as far as it is behind the front: (1 - hole)·clip(16·(front - disparity), 0, 1), and at
-/// least 1e-6, so that there is a fill also where nothing lies behind.
+/// least 1e-8, so that there is a fill also where nothing lies behind.
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 Value background_weight(Value disparity, Value hole);
 
+/// The weight of colours: background_weight(), and by their colours those pixels at the rim of the unknown
+/// that are background all the same. Disparity is grown, soft and never quite aligned, so the hole has a rim
+/// of background. With b the mean squared difference of a pixel's colour from the fill from the background, f
+/// from the fill from what covers the hole: max(weight, max of weight over 5×5 · f² / (b² + f² + 1/64²)).
+/// @param rgb     1×3×H×W in [-1,1]
+/// @param weight  background_weight()
+/// @param hole    1×1×H×W, 1 inside the hole
+Value colour_weight(Value rgb, Value weight, Value hole);
+
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
-/// smoothly. What inpainting without a network is, and what slide_inpaint corrects.
-/// @param image      1×C×H×W
+/// smoothly: colours by colour_weight(), disparity by background_weight(). What inpainting without a network
+/// is, and what slide_inpaint corrects.
+/// @param rgbd       1×4×H×W in [-1,1]
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
-Value background_fill(Value image, Value disparity, Value hole);
+Value background_fill(Value rgbd, Value disparity, Value hole);
 
 /// Channels after the first gate of slide_inpaint.
 inline constexpr std::int64_t kSlideInpaintWidth = 12;
 
 /// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill,
 /// corrected by the paper's coarse network (Jampani et al., ICCV 2021, supplement, table T1) at half its
-/// width, which sees the fill, the background weight and the hole.
+/// width, which sees the fill, the weight of its colours and the hole.
 /// @param rgbd       1×4×H×W in [-1,1]; H and W multiples of 4
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole

@@ -26,17 +26,17 @@ struct Plane {
   }
 };
 
-/// The mean of f over the 2×2 cell (i, j), or what there is of it.
+/// Cell (i, j) of B applied to f.
 template <typename F>
-double cell_mean(const Plane& like, std::int64_t i, std::int64_t j, F f) {
+double halved(const Plane& like, std::int64_t i, std::int64_t j, F f) {
   double sum = 0;
-  int count = 0;
-  for (std::int64_t u = 2 * i; u < std::min(2 * i + 2, like.h); ++u)
-    for (std::int64_t v = 2 * j; v < std::min(2 * j + 2, like.w); ++v) {
-      sum += f(u, v);
-      ++count;
+  for (std::int64_t u = 0; u < 4; ++u)
+    for (std::int64_t v = 0; v < 4; ++v) {
+      const std::int64_t y = 2 * i - 1 + u;
+      const std::int64_t x = 2 * j - 1 + v;
+      if (y >= 0 && y < like.h && x >= 0 && x < like.w) sum += kPull[u] * kPull[v] * f(y, x);
     }
-  return sum / count;
+  return sum;
 }
 
 /// Bilinear with half-pixel centres, the border replicated.
@@ -59,10 +59,10 @@ Plane fill(const Plane& x, const Plane& weight, int sweeps) {
   Plane coarse_weight(coarse.h, coarse.w);
   for (std::int64_t i = 0; i < coarse.h; ++i)
     for (std::int64_t j = 0; j < coarse.w; ++j) {
-      const double mean = cell_mean(x, i, j, [&](auto u, auto v) { return weight.at(u, v); });
-      const double sum = cell_mean(x, i, j, [&](auto u, auto v) { return weight.at(u, v) * x.at(u, v); });
+      const double mean = halved(x, i, j, [&](auto u, auto v) { return weight.at(u, v); });
+      const double sum = halved(x, i, j, [&](auto u, auto v) { return weight.at(u, v) * x.at(u, v); });
       coarse.at(i, j) = sum / std::max(mean, kLeastWeight);
-      coarse_weight.at(i, j) = std::min(4 * mean, 1.0);
+      coarse_weight.at(i, j) = std::min(kTrust * mean, 1.0);
     }
   const Plane below = fill(coarse, coarse_weight, sweeps);
   Plane y(x.h, x.w);

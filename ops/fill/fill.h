@@ -8,8 +8,9 @@ namespace slide::ops {
 /// SIGGRAPH 1996, section 3.4) with a few steps of Laplace's equation at every level.
 ///
 /// With w the weight and x the values of a level, starting from the input:
-///   pull: halve (cells of 2×2, those at an odd border of what there is) until one cell is left:
-///         m = mean(w),  x' = mean(w·x) / max(m, 1e-12),  w' = min(4·m, 1)
+///   pull: halve until one cell is left:  m = B(w),  x' = B(w·x) / max(m, 1e-12),  w' = min(16·m, 1)
+///         B: every second sample after the filter (1 3 3 1)/8 along rows and columns (samples 2i-1 to 2i+2
+///         for cell i), zero beyond the border
 ///   push: from the last level up, Y the result of the level below enlarged bilinearly (half-pixel):
 ///         y = w·x + (1 - w)·Y,  then `sweeps` times  y = w·x + (1 - w)·mean of the four neighbours of y,
 ///         the border replicated.

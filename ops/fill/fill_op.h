@@ -22,6 +22,10 @@ class PushPullFillOp : public Op {
   int sweeps_;
 };
 
+/// The pull's filter, along rows and along columns.
+inline constexpr double kPull[] = {0.125, 0.375, 0.375, 0.125};
+/// A cell whose mean weight is over 1 / kTrust counts as known.
+inline constexpr double kTrust = 16;
 /// The smallest mean weight that is divided by.
 inline constexpr double kLeastWeight = 1e-12;
 

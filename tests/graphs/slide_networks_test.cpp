@@ -5,6 +5,7 @@
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
+#include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
@@ -61,15 +62,35 @@ TEST_CASE("the default networks with the default weights agree with PyTorch in f
   }
 }
 
+TEST_CASE("the weights of the background and the fill agree with PyTorch in float64") {
+  const SafetensorsFile file = SafetensorsFile::open(SLIDE_TEST_DATA "/ops/fill.safetensors");
+  Graph g;
+  const Value rgbd = g.input("rgbd", {1, 4, 20, 28});
+  const Value d = g.input("d", {1, 1, 20, 28});
+  const Value hole = g.input("hole", {1, 1, 20, 28});
+  const Value weight = background_weight(d, hole);
+  g.output("weight", weight);
+  g.output("colours", colour_weight(ops::slice(rgbd, 1, 0, 3), weight, hole));
+  g.output("filled", background_fill(rgbd, d, hole));
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"rgbd", file.tensor("scene.rgbd")},
+           {"d", file.tensor("scene.d")},
+           {"hole", file.tensor("scene.hole")}});
+  for (const char* name : {"weight", "colours", "filled"}) {
+    CAPTURE(name);
+    CHECK(max_abs_difference(run.tensor(name), file.tensor(std::string("scene.") + name)) <= 1e-13);
+  }
+}
+
 TEST_CASE("the fill leaves the background as it is and brings none of the foreground into the hole") {
   // A red square before a blue wall; the hole is its right half.
   constexpr std::int64_t kSide = 32;
   Graph g;
-  const Value image = g.input("image", {1, 3, kSide, kSide});
+  const Value rgbd = g.input("rgbd", {1, 4, kSide, kSide});
   const Value d = g.input("d", {1, 1, kSide, kSide});
   const Value hole = g.input("hole", {1, 1, kSide, kSide});
-  g.output("filled", background_fill(image, d, hole));
-  Tensor pixels = Tensor::zeros(DType::kF64, {1, 3, kSide, kSide});
+  g.output("filled", background_fill(rgbd, d, hole));
+  Tensor pixels = Tensor::zeros(DType::kF64, {1, 4, kSide, kSide});
   Tensor disparity = Tensor::zeros(DType::kF64, {1, 1, kSide, kSide});
   Tensor mask = Tensor::zeros(DType::kF64, {1, 1, kSide, kSide});
   for (std::size_t i = 0; i < kSide * kSide; ++i) {
@@ -78,14 +99,16 @@ TEST_CASE("the fill leaves the background as it is and brings none of the foregr
     const bool square = row >= 8 && row < 24 && column >= 8 && column < 24;
     pixels.mutable_data<double>()[square ? i : 2 * kSide * kSide + i] = 1;
     disparity.mutable_data<double>()[i] = square ? 0.9 : 0.1;
+    pixels.mutable_data<double>()[3 * kSide * kSide + i] = square ? 0.9 : 0.1;
     mask.mutable_data<double>()[i] = square && column >= 16 ? 1 : 0;
   }
   ReferenceExecutor run(g, WeightMap());
-  run.run({{"image", pixels}, {"d", disparity}, {"hole", mask}});
+  run.run({{"rgbd", pixels}, {"d", disparity}, {"hole", mask}});
   const auto filled = run.tensor("filled").data<double>();
   for (std::size_t i = 0; i < kSide * kSide; ++i) {
-    CHECK(filled[i] <= 1e-3);                          // no red, in the square either
-    CHECK(filled[2 * kSide * kSide + i] >= 1 - 1e-3);  // blue
+    CHECK(filled[i] <= 1e-3);                            // no red, in the square either
+    CHECK(filled[2 * kSide * kSide + i] >= 1 - 1e-3);    // blue
+    CHECK(filled[3 * kSide * kSide + i] <= 0.1 + 1e-3);  // far
   }
 }
 

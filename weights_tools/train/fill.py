@@ -3,7 +3,10 @@ import torch
 import torch.nn.functional as F
 
 SWEEPS = 4
-GAP, REST = 1 / 16, 1e-6  # disparity; weight of pixels that are not behind
+GAP, REST = 1 / 16, 1e-8  # disparity; weight of pixels that are not behind
+RIM = 5  # pixels: side of the window that says whether known background is near
+LIKE = 1 / 64  # squared difference of colours that says nothing
+TRUST = 16  # a cell whose mean weight is over 1 / TRUST counts as known
 
 
 def smooth(x):
@@ -12,19 +15,27 @@ def smooth(x):
     return (p[..., :-2, 1:-1] + p[..., 2:, 1:-1] + p[..., 1:-1, :-2] + p[..., 1:-1, 2:]) / 4
 
 
+def halve(x):
+    """Every second sample after the binomial filter (1 3 3 1) / 8 along rows and columns; zero beyond the border."""
+    n, c, h, w = x.shape
+    k = torch.tensor([1., 3., 3., 1.], dtype=x.dtype, device=x.device) / 8
+    y = F.pad(x, (1, 1 + w % 2, 1, 1 + h % 2)).flatten(0, 1)[:, None]
+    return F.conv2d(y, (k[:, None] * k)[None, None], stride=2).view(n, c, (h + 1) // 2, (w + 1) // 2)
+
+
 def push_pull_fill(x, weight, sweeps=SWEEPS):
     """x: N x C x H x W, weight: N x 1 x H x W in [0, 1] -> x where the weight is 1, a smooth continuation where it is 0.
 
-    Pull: halve, averaging x by weight, until one pixel is left; a cell of which a quarter is known counts as known.
+    Pull: halve, averaging x by weight, until one pixel is left.
     Push: from the coarsest level up, blend with the bilinear enlargement of the level below, then relax by `sweeps` Jacobi
     steps what is not known.
     """
     h, w = x.shape[-2:]
     if h == 1 and w == 1:
         return x
-    mean = F.avg_pool2d(weight, 2, ceil_mode=True)
-    coarse = F.avg_pool2d(x * weight, 2, ceil_mode=True) / mean.clamp_min(1e-12)
-    y = F.interpolate(push_pull_fill(coarse, (4 * mean).clamp_max(1), sweeps), size=(h, w), mode='bilinear', align_corners=False)
+    mean = halve(weight)
+    coarse = halve(x * weight) / mean.clamp_min(1e-12)
+    y = F.interpolate(push_pull_fill(coarse, (TRUST * mean).clamp_max(1), sweeps), size=(h, w), mode='bilinear', align_corners=False)
     y = weight * x + (1 - weight) * y
     for _ in range(sweeps):
         y = weight * x + (1 - weight) * smooth(y)
@@ -39,3 +50,21 @@ def background_weight(d, hole):
     """
     front = push_pull_fill(d, hole, 0)
     return ((1 - hole) * ((front - d) / GAP).clamp(0, 1)).clamp_min(REST)
+
+
+def colour_weight(rgb, weight, hole):
+    """background_weight(), and by their colours those pixels at the rim of the unknown that are background all the same.
+
+    Disparity is grown, soft and never quite aligned, so the hole has a rim of background. A pixel near the known background
+    counts as far as its colour is nearer to the fill from the background than to the fill from what covers the hole.
+    """
+    behind, before = push_pull_fill(rgb, weight), push_pull_fill(rgb, (1 - hole - weight).clamp(REST, 1))
+    b, f = (((rgb - v) ** 2).mean(1, keepdim=True) for v in (behind, before))
+    return torch.maximum(weight, F.max_pool2d(weight, RIM, 1, RIM // 2) * f ** 2 / (b ** 2 + f ** 2 + LIKE ** 2))
+
+
+def background_fill(rgbd, d, hole):
+    """-> RGBD of the background, and the weight that its colours have; disparity is continued by background_weight()."""
+    weight = background_weight(d, hole)
+    colours = colour_weight(rgbd[:, :3], weight, hole)
+    return torch.cat([push_pull_fill(rgbd[:, :3], colours), push_pull_fill(rgbd[:, 3:], weight)], 1), colours

@@ -2,7 +2,8 @@
 
 A cut-out is pasted before a photo or a room. The scene's disparity is as soft and as badly aligned as a network's; D1 and the
 soft disocclusion S follow section 2 of the specification for a random parallax P; the hole is S > 0.05, grown by a pixel.
-Where the background photo uncovers parts of its own the truth is not known: those pixels carry no loss.
+Where the background photo uncovers parts of its own the truth is not known: those pixels carry no loss. Some of the cut-outs are
+free-form strokes, for holes of shapes that no subject has; they are nearer than the scene too, so all that follows is the same.
 """
 import cv2
 import numpy as np
@@ -36,10 +37,23 @@ def layering(d, parallax):
     return d1, low, cv2.dilate((s > .05).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
 
 
+def brush(n, rng):
+    """Free-form strokes (Yu et al. 2019, algorithm 1) over n x n pixels: uint8, 255 inside"""
+    out = np.zeros((n, n), np.uint8)
+    for _ in range(rng.integers(1, 4)):
+        width, angle, at = int(n * rng.uniform(.05, .16)), rng.uniform(0, 2 * np.pi), rng.uniform(0, n, 2)
+        for _ in range(rng.integers(2, 7)):
+            angle += rng.normal(0, .8)
+            to = at + n * rng.uniform(.08, .3) * np.array([np.cos(angle), np.sin(angle)])
+            cv2.line(out, tuple(int(v) for v in at), tuple(int(v) for v in to), 255, width, cv2.LINE_AA)
+            at = to
+    return out
+
+
 class InpaintData(DepthData):
-    def __init__(self, cache, seed, size, held=False):
+    def __init__(self, cache, seed, size, held=False, strokes=.15):
         super().__init__(cache, seed)
-        self.size = size
+        self.size, self.strokes = size, 0 if held else strokes
         if held:
             every = np.load(cache + '/held.npy')
             self.usable, self.subjects = every, np.array([i for i in every if self.subject[i] == 2])
@@ -70,9 +84,11 @@ class InpaintData(DepthData):
             if rng.random() < .5:
                 image, matte = image[:, ::-1], matte[:, ::-1]
             alpha = cv2.warpAffine(np.ascontiguousarray(matte), move, (n, n), flags=cv2.INTER_AREA).astype(np.float32) / 255
+            if self.strokes and rng.random() < self.strokes:
+                alpha = brush(n, rng).astype(np.float32) / 255
             if .05 < (alpha > .5).mean() < .6:
                 break
-        cut = cv2.warpAffine(np.ascontiguousarray(image), move, (n, n), flags=cv2.INTER_AREA).astype(np.float32) / 255
+        cut = cv2.warpAffine(np.ascontiguousarray(image), move, (n, n), flags=cv2.INTER_AREA, borderMode=cv2.BORDER_REFLECT).astype(np.float32) / 255
         scene = alpha[..., None] * cut + (1 - alpha[..., None]) * rgb
         near = np.percentile(d[alpha > .5], 95) + rng.uniform(.1, .6)
         front = cv2.GaussianBlur(np.where(alpha > rng.uniform(.15, .6), 1, 0).astype(np.float32), (0, 0), np.exp(rng.uniform(np.log(.3), np.log(3))))

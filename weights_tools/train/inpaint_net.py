@@ -1,13 +1,13 @@
 """slide_inpaint: the depth-aware fill, and the paper's coarse network (supplement, table T1) for what it misses.
 
-The network sees the picture with all that is not background filled in, the background weight and the hole, and gives a
+The network sees the picture with all that is not background filled in, the weight of its colours and the hole, and gives a
 correction of the fill. Its last layer starts at zero: training starts from the fill.
 """
 import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
-from fill import background_weight, push_pull_fill
+from fill import background_fill
 
 WIDTH = 12  # channels after the first gate; the paper has 24
 
@@ -67,6 +67,5 @@ class InpaintNet(nn.Module):
 
     def forward(self, rgbd, d, hole):
         """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 4 -> RGBD of the background"""
-        weight = background_weight(d, hole)
-        filled = push_pull_fill(rgbd, weight)
+        filled, weight = background_fill(rgbd, d, hole)
         return filled + self.correction(filled, weight, hole)

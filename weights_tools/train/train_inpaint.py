@@ -1,10 +1,11 @@
 #!/usr/bin/python3
 """Trains slide_inpaint on composites whose hidden background is known.
 
-  train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--device cuda]
+  train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--adversarial .01] [--device cuda]
 
 Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1, multi-scale gradients, and the
-logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same).
+logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same). With
+--adversarial, for texture, the critic of patch_gan.py joins when the rest has settled.
 """
 import argparse
 import os
@@ -14,10 +15,12 @@ import numpy as np
 import torch
 
 from common import Average, Schedule, save_checkpoint
-from fill import background_weight, push_pull_fill
+from fill import background_fill
 from inpaint_data import InpaintData
 from inpaint_net import InpaintNet
+from patch_gan import Adversary
 
+ADVERSARIAL_FROM = .4  # share of the schedule
 CHANNELS = torch.tensor([1., 1., 1., .5]).view(1, 4, 1, 1)  # disparity is smooth, half its error is enough
 
 
@@ -32,7 +35,7 @@ def loss_of(y, filled, truth, mask):
     for k in range(3):
         g = error[..., ::2 ** k, ::2 ** k] / area
         total = total + .25 * ((g[..., 1:] - g[..., :-1]).abs().mean() + (g[..., 1:, :] - g[..., :-1, :]).abs().mean())
-    return total + .1 * torch.log((squared(y, truth, mask) + 1e-3) / (squared(filled, truth, mask) + 1e-3)).mean()
+    return total + torch.log((squared(y, truth, mask) + 1e-3) / (squared(filled, truth, mask) + 1e-3)).mean()
 
 
 @torch.no_grad()
@@ -40,7 +43,7 @@ def evaluate(net, tests, device):
     ours, fill = [], []
     for scene, truth, d, _, hole, mask, _ in tests:
         scene, truth, d, hole, mask = (torch.from_numpy(v)[None].to(device) for v in (scene, truth, d, hole, mask))
-        filled = push_pull_fill(scene, background_weight(d, hole))
+        filled, _ = background_fill(scene, d, hole)
         for y, out in ((net(scene, d, hole), ours), (filled, fill)):
             out.append(-10 * np.log10(float(squared(y.clamp(-1, 1), truth, mask)) / 4 + 1e-9))
     gain = np.array(ours) - np.array(fill)
@@ -57,6 +60,7 @@ def main():
     p.add_argument('--size', type=int, default=128)
     p.add_argument('--batch', type=int, default=8)
     p.add_argument('--rate', type=float, default=1.5e-3)
+    p.add_argument('--adversarial', type=float, default=0, help='weight of the adversarial term')
     a = p.parse_args()
     torch.set_num_threads(a.threads)
     cv2.setNumThreads(1)
@@ -70,8 +74,7 @@ def main():
         net.load_state_dict(saved['net'])
     else:
         scene, _, d, _, hole, _, _ = (torch.from_numpy(np.stack(t)) for t in zip(*[data.sample() for _ in range(8)]))
-        weight = background_weight(d, hole)
-        net.calibrate(torch.cat([push_pull_fill(scene, weight), weight, hole], 1))
+        net.calibrate(torch.cat([*background_fill(scene, d, hole), hole], 1))
     net = net.to(a.device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=a.rate, betas=(.9, .99), weight_decay=1e-3)
     average = Average(net)
@@ -80,17 +83,21 @@ def main():
     schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
     if saved:
         optimiser.load_state_dict(saved['optimiser'])
+    adversary = Adversary(a.device, a.rate, saved.get('adversary')) if a.adversarial else None
+    checkpoint = lambda: save_checkpoint(a.out, net, average, optimiser, schedule, **({'adversary': adversary.state()} if adversary else {}))
     with average.inside(net):
         print(evaluate(net, tests, a.device), flush=True)
     running, mark, scored = None, schedule.elapsed, schedule.elapsed
     while schedule.advance():
-        scene, truth, d, _, hole, mask, _ = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample() for _ in range(a.batch)]))
+        scene, truth, d, _, hole, mask, cover = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample() for _ in range(a.batch)]))
         with torch.no_grad():
-            weight = background_weight(d, hole)
-            filled = push_pull_fill(scene, weight)
+            filled, weight = background_fill(scene, d, hole)
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             correction = net.correction(filled.contiguous(memory_format=torch.channels_last), weight, hole)
-        loss = loss_of(filled + correction.float(), filled, truth, mask)
+        y = filled + correction.float()
+        loss = loss_of(y, filled, truth, mask)
+        if adversary and schedule.share > ADVERSARIAL_FROM:
+            loss = loss + a.adversarial * adversary.loss(y, truth, mask, cover)
         optimiser.zero_grad()
         loss.backward()
         torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
@@ -101,12 +108,12 @@ def main():
             print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
         if schedule.elapsed - mark > 150:
             mark = schedule.elapsed
-            save_checkpoint(a.out, net, average, optimiser, schedule)
+            checkpoint()
         if schedule.elapsed - scored > 480:
             scored = schedule.elapsed
             with average.inside(net):
                 print(evaluate(net, tests, a.device), flush=True)
-    save_checkpoint(a.out, net, average, optimiser, schedule)
+    checkpoint()
     with average.inside(net):
         print('final', evaluate(net, tests, a.device), flush=True)
 
