@@ -15,6 +15,7 @@
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
 #include "graphs/u2net.h"
+#include "ops/guided/guided.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
@@ -32,6 +33,10 @@ constexpr std::int64_t kSaliencySide = 320;
 /// away.
 constexpr double kForegroundFrom = 0.9;
 constexpr double kBackgroundUpTo = 0.1;
+
+/// The guided filter of slide_depth's disparity: pixels of the working size, and squared brightness.
+constexpr std::int64_t kGuideRadius = 4;
+constexpr double kGuideEps = 1e-3;
 
 /// FBA's sides; the length its trimap's Gaussians are measured in, and their widths in it.
 constexpr std::int64_t kFbaMultiple = 8;
@@ -86,10 +91,20 @@ Value complete(Value rgbd, Value hole, const NetworkChoice& network) {
   return ops::clip(ops::affine(completed, 0.5, 0.5), 0, 1);
 }
 
-/// The photo as slide_depth and slide_matte take it: 384 pixels on its longer side, in [-1, 1].
-Value slide_preprocess(Value image) {
+/// The photo at the size that slide_depth and slide_matte work at: kSlideSide pixels on its longer side.
+Value slide_sized(Value image) {
   const ImageSize size = midas_working_size(size_of_image(image), kSlideSide);
-  return ops::affine(ops::resize_bicubic(image, size.height, size.width), 2, -1);
+  return ops::resize_bicubic(image, size.height, size.width);
+}
+
+/// Such a photo as the networks take it, in [-1, 1].
+Value slide_preprocess(Value sized) { return ops::affine(sized, 2, -1); }
+
+/// slide_depth's disparity, its edges brought onto the photo's: in [0, 1].
+Value slide_disparity(Value image) {
+  const Value sized = slide_sized(image);
+  const Value coarse = ops::min_max_normalise(slide_depth(slide_preprocess(sized)));
+  return ops::clip(ops::guided_upsample(coarse, sized, image, kGuideRadius, kGuideEps), 0, 1);
 }
 
 }  // namespace
@@ -102,7 +117,7 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
   else if (network.model == "midas_v21_small")
     inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
   else if (network.model == "slide_depth")
-    inverse_depth = slide_depth(slide_preprocess(image));
+    return ops::min_max_normalise(slide_disparity(image));
   else
     throw wrong_model(network, "depth", "slide_depth, midas_v21, midas_v21_small");
   return ops::min_max_normalise(midas_postprocess(inverse_depth, size));
@@ -111,7 +126,8 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
 Value estimate_matte(Value image, const NetworkChoice& network) {
   const ImageSize size = size_of_image(image);
   if (network.model == "slide_matte")
-    return ops::resize_bilinear(slide_matte(slide_preprocess(image)), size.height, size.width, false);
+    return ops::resize_bilinear(slide_matte(slide_preprocess(slide_sized(image))), size.height, size.width,
+                                false);
   const Value brightest = ops::maximum(ops::reduce_max(image, {1, 2, 3}),
                                        ops::affine(ops::reduce_max(image, {1, 2, 3}), 0, 1e-6));
   const Value input = midas_preprocess(ops::div(image, brightest), {kSaliencySide, kSaliencySide});

@@ -8,6 +8,7 @@
 #include "ops/conv2d/conv2d.h"
 #include "ops/fill/fill.h"
 #include "ops/gated_conv/gated_conv2d.h"
+#include "ops/guided/guided.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering.h"
 #include "ops/normalise/normalise.h"
@@ -183,6 +184,11 @@ constexpr Entry kEntries[] = {
      [](CaseArguments& c) {
        const auto sweeps = static_cast<int>(c.integer("sweeps", 0, 1 << 12));
        return push_pull_fill(c.input("x"), c.input("weight"), sweeps);
+     }},
+    {"guided_coefficients",
+     [](CaseArguments& c) {
+       const std::int64_t radius = c.integer("radius", 0, INT64_MAX);
+       return guided_coefficients(c.input("guide"), c.input("x"), radius, c.number("eps"));
      }},
     {"sobel", [](CaseArguments& c) { return sobel(c.input("x")); }},
     {"cone_dilation",

@@ -7,6 +7,7 @@
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fill/fill_op.h"
+#include "ops/guided/guided_op.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering_ops.h"
 #include "ops/normalise/normalise_ops.h"
@@ -108,6 +109,7 @@ Json attributes_of(const Op& op, const Shape& output) {
   if (const auto* o = as<GaussianBlurOp>(op)) return {{"sigma", o->sigma()}};
   if (const auto* o = as<ConeDilationOp>(op)) return {{"rho", o->rho()}, {"radius", o->radius()}};
   if (const auto* o = as<PushPullFillOp>(op)) return {{"sweeps", o->sweeps()}};
+  if (const auto* o = as<GuidedCoefficientsOp>(op)) return {{"radius", o->radius()}, {"eps", o->eps()}};
   if (as<ReshapeOp>(op) != nullptr) {
     const auto extents = output.extents();
     return {{"shape", std::vector<std::int64_t>(extents.begin(), extents.end())}};
@@ -127,6 +129,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
   if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr) return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
   if (as<PushPullFillOp>(op) != nullptr) return {"x", "weight"};
+  if (as<GuidedCoefficientsOp>(op) != nullptr) return {"guide", "x"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};
   if (as<ContextualAttentionOp>(op) != nullptr) return {"foreground", "background", "mask", "fuse_weight"};
   return {"x", "other"};

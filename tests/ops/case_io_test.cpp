@@ -87,6 +87,7 @@ std::vector<Call> calls() {
       {"weight_standardise", R"({"eps":0.25})", {{"weight", {3, 2, 3, 3}}}},
       {"gaussian_blur", R"({"sigma":0.8})", {kImage}},
       {"push_pull_fill", R"({"sweeps":2})", {kImage, {"weight", {1, 1, 9, 8}}}},
+      {"guided_coefficients", R"({"radius":2,"eps":0.01})", {{"guide", {1, 3, 9, 8}}, {"x", {1, 1, 9, 8}}}},
       {"sobel", "{}", {{"x", {1, 1, 5, 6}}}},
       {"cone_dilation", R"({"rho":0.02,"radius":3})", {kImage}},
   };

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """The figures of the model cards, and contact sheets to look at.
 
-  evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--sheet OUT.png]
+  evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--alphamatting FOLDER] [--sheet OUT.png]
   evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--views VIEWS] [--sheet OUT.png]
   evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--sheet OUT.png]
 
@@ -21,7 +21,8 @@ from scipy import ndimage
 
 from common import Ragged, load_safetensors
 from depth_net import DepthNet
-from fill import background_weight, push_pull_fill
+from fill import background_fill, background_weight
+from guided import guided_upsample
 from inpaint_data import InpaintData, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
@@ -42,10 +43,15 @@ def fit(q, g, known):
 # ---- depth
 
 @torch.no_grad()
-def disparity(net, image, side=384):
+def disparity(net, image, side=384, guided=True):
+    """In [0, 1] at the photo's size, as graphs/stages makes it; without guide enlarged bicubically."""
     h, w = input_size(*image.shape[:2], side)
-    x = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC).transpose(2, 0, 1)[None].astype(np.float32) / 127.5 - 1
-    y = net(torch.from_numpy(np.ascontiguousarray(x)))[None]
+    small = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC)
+    x = torch.from_numpy(np.ascontiguousarray(small.transpose(2, 0, 1)[None].astype(np.float32) / 127.5 - 1))
+    y = net(x)[None]
+    y = (y - y.min()) / (y.max() - y.min() + 1e-9)
+    if guided:
+        return guided_upsample(y[0, 0].double().numpy(), small / 255, image / 255).clip(0, 1)
     return F.interpolate(y, size=image.shape[:2], mode='bicubic', align_corners=False)[0, 0].double().numpy()
 
 
@@ -89,14 +95,24 @@ def views(estimate, folder):
     return f'RMSE {each} px, on average {100 * share:.1f}% of the range; {100 * order:.1f}% of the pairs across edges in wrong order'
 
 
-def boundaries(estimate, cache):
-    """At 384 pixels: how far the steepest point of the disparity is from the matte's edge, along its normal, within 10 pixels."""
+def held_subjects(cache):
+    """Held-out photos with a subject, and their mattes."""
     photos, mattes, subject = Ragged(cache + '/photos'), Ragged(cache + '/mattes'), np.load(cache + '/subject.npy')
+    return [(photos[i], mattes[i]) for i in np.load(cache + '/held.npy') if subject[i] == 2]
+
+
+def alphamatting(folder, scale=1):
+    """alphamatting.com's photos (RGB) and alphas (bytes)."""
+    read = lambda f: cv2.resize(cv2.imread(f), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    return [(read(f)[..., ::-1].copy(), read(f.replace('image.jpg', 'alpha.png'))[..., 0]) for f in sorted(glob.glob(folder + '/GT*_image.jpg'))]
+
+
+def boundaries(estimate, pairs, side):
+    """At `side` pixels: how far the steepest point of the disparity is from the matte's edge, along its normal, within 10 pixels."""
     near, far, standing = [], [], 0
-    held = [i for i in np.load(cache + '/held.npy') if subject[i] == 2]
-    for i in held:
-        h, w = input_size(*mattes[i].shape)
-        matte, q = cv2.resize(mattes[i], (w, h)).astype(np.float32) / 255, cv2.resize(estimate(photos[i]), (w, h))
+    for photo, alpha in pairs:
+        h, w = input_size(*alpha.shape, side)
+        matte, q = cv2.resize(alpha, (w, h)).astype(np.float32) / 255, cv2.resize(estimate(photo), (w, h))
         q = (q - q.min()) / (np.ptp(q) + 1e-9)
         ring = ndimage.binary_dilation(matte > .5, iterations=12) & (matte < .1)
         inside = (matte > .9) & ndimage.binary_dilation(matte < .5, iterations=12)
@@ -116,7 +132,7 @@ def boundaries(estimate, cache):
         near.append((offset[seen] <= 2).mean() if seen.any() else 0)
         far.append(np.median(offset[seen]) if seen.any() else 10)
     return (f'edges within 2 pixels of the matte\'s on {100 * np.mean(near):.0f}% of their length, median offset {np.mean(far):.1f} px; '
-            f'subject nearer than its surroundings in {standing} of {len(held)}')
+            f'subject nearer than its surroundings in {standing} of {len(pairs)}')
 
 
 def depth(a):
@@ -127,7 +143,10 @@ def depth(a):
         print(f'rooms, {name}: {rooms(estimate, a.cache)}', flush=True)
         if a.views:
             print(f'stereo scenes, {name}: {views(estimate, a.views)}', flush=True)
-    print('held-out photos:', boundaries(lambda x: disparity(net, x), a.cache), flush=True)
+    for name, guided in (('', True), (', bicubic', False)):
+        print(f'held-out photos{name}:', boundaries(lambda x: disparity(net, x, guided=guided), held_subjects(a.cache), 384), flush=True)
+        if a.alphamatting:
+            print(f'alphamatting at 800 pixels{name}:', boundaries(lambda x: disparity(net, x, guided=guided), alphamatting(a.alphamatting), 800), flush=True)
     if a.sheet:
         sheet(a, lambda image: disparity(net, image), True)
 
@@ -170,8 +189,8 @@ def stereo(net, folder):
         rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
         s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
         with torch.no_grad():
-            weight = background_weight(dt, ht)
-            ours = {'fill': push_pull_fill(s, weight)[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
+            filled, weight = background_fill(s, dt, ht)
+            ours = {'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
         unknown = weight[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
         ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
@@ -196,11 +215,12 @@ def inpaint(a):
         scene, truth, d, _, hole, mask, cover = data.sample()
         with torch.no_grad():
             s, dt, ht = (torch.from_numpy(v)[None] for v in (scene, d, hole))
-            weight = background_weight(dt, ht)
-            ours = {'fill': push_pull_fill(s, weight)[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
-        unknown = weight[0, 0].numpy() < .5
+            filled, weight = background_fill(s, dt, ht)
+            ours = {'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
+            behind = background_weight(dt, ht)
+        unknown, beyond = (v[0, 0].numpy() < .5 for v in (weight, behind))
         rgb = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8)
-        for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', unknown)):
+        for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', beyond), ('colour weight', unknown)):
             for method, flag in (('Telea', cv2.INPAINT_TELEA), ('Navier-Stokes', cv2.INPAINT_NS)):
                 ours[f'{method}, {name}'] = cv2.inpaint(rgb, region.astype(np.uint8), 3, flag).transpose(2, 0, 1) / 127.5 - 1
             index = ndimage.distance_transform_edt(region, return_distances=False, return_indices=True)
@@ -245,8 +265,8 @@ def matte(a):
     pairs = [(photos[i], mattes[i] / 255) for i in np.load(a.cache + '/held.npy')]
     sets = {'held-out photos': pairs}
     if a.alphamatting:
-        read = lambda f: cv2.resize(cv2.imread(f), None, fx=.5, fy=.5, interpolation=cv2.INTER_AREA)
-        sets['alphamatting'] = [(read(f)[..., ::-1].copy(), read(f.replace('image.jpg', 'alpha.png'))[..., 0] / 255) for f in sorted(glob.glob(a.alphamatting + '/GT*_image.jpg'))]
+        for name, scale in (('alphamatting, half size', .5), ('alphamatting, full size', 1)):
+            sets[name] = [(image, m / 255) for image, m in alphamatting(a.alphamatting, scale)]
     for name, pairs in sets.items():
         rows, flat = [], []
         for image, m in pairs:
