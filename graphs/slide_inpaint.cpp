@@ -3,6 +3,8 @@
 #include "graphs/gated_layers.h"
 #include "graphs/layers.h"
 #include "ops/fill/fill.h"
+#include "ops/fill/mirror.h"
+#include "ops/layering/layering.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
@@ -17,10 +19,13 @@ constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pi
 constexpr double kRest = 1e-8;
 constexpr std::int64_t kRim = 5;    // pixels: side of the window that says whether known background is near
 constexpr double kLike = 1.0 / 64;  // squared difference of colours that says nothing
+constexpr double kDetail = 1.75;
+constexpr double kDetailLimit = 0.1;
 
 struct Fill {
-  Value rgbd;
-  Value weight;  ///< of the colours
+  Value smooth;    ///< RGBD
+  Value textured;  ///< the same, with detail()
+  Value weight;    ///< of the colours
 };
 
 Value squared(Value x) { return ops::mul(x, x); }
@@ -32,7 +37,9 @@ Fill fill(Value rgbd, Value disparity, Value hole) {
   const Value weight = background_weight(disparity, hole);
   const Value colours = colour_weight(rgb, weight, hole);
   const Value behind = ops::push_pull_fill(ops::slice(rgbd, 1, 3, 4), weight, kSweeps);
-  return {tapped("filled", ops::concat({ops::push_pull_fill(rgb, colours, kSweeps), behind}, 1)), colours};
+  const Value smooth = ops::push_pull_fill(rgb, colours, kSweeps);
+  return {tapped("filled", ops::concat({smooth, behind}, 1)),
+          ops::concat({ops::add(smooth, detail(rgb, colours)), behind}, 1), colours};
 }
 
 /// The paper's coarse network without its masking and its tanh.
@@ -75,17 +82,25 @@ Value colour_weight(Value rgb, Value weight, Value hole) {
   return ops::maximum(weight, ops::mul(near, likely));
 }
 
+Value detail(Value rgb, Value weight) {
+  const Value blurred = ops::div(ops::gaussian_blur(ops::mul(rgb, weight), 1), ops::gaussian_blur(weight, 1));
+  const Value fine = ops::mul(ops::sub(rgb, blurred), weight);
+  const Value mirrored =
+      ops::clip(ops::affine(ops::mirror_known(fine, weight), kDetail, 0), -kDetailLimit, kDetailLimit);
+  return ops::mul(mirrored, ops::affine(weight, -1, 1));
+}
+
 Value background_fill(Value rgbd, Value disparity, Value hole) {
   require_image("background_fill", rgbd, 4, 1);
-  return fill(rgbd, disparity, hole).rgbd;
+  return fill(rgbd, disparity, hole).textured;
 }
 
 Value slide_inpaint(Value rgbd, Value disparity, Value hole) {
   require_image("slide_inpaint", rgbd, 4, 4);
   require_image("slide_inpaint", disparity, 1, 4);
   require_image("slide_inpaint", hole, 1, 4);
-  const auto [filled, weight] = fill(rgbd, disparity, hole);
-  return ops::add(filled, correction(ops::concat({filled, weight, hole}, 1)));
+  const auto [smooth, textured, weight] = fill(rgbd, disparity, hole);
+  return ops::add(textured, correction(ops::concat({smooth, weight, hole}, 1)));
 }
 
 }  // namespace slide::graphs

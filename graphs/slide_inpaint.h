@@ -23,9 +23,15 @@ Value background_weight(Value disparity, Value hole);
 /// @param hole    1×1×H×W, 1 inside the hole
 Value colour_weight(Value rgb, Value weight, Value hole);
 
+/// Texture for the unknown: what the background is beyond its own blur (deviation 1, weighted), mirrored into
+/// the hole by ops::mirror_known(), times 7/4, at most 0.1 (which keeps edges out), times 1 - weight.
+/// @param rgb     1×3×H×W in [-1,1]
+/// @param weight  colour_weight()
+Value detail(Value rgb, Value weight);
+
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
-/// smoothly: colours by colour_weight(), disparity by background_weight(). What inpainting without a network
-/// is, and what slide_inpaint corrects.
+/// smoothly: colours by colour_weight() and with detail(), disparity by background_weight(). What inpainting
+/// without a network is, and what slide_inpaint corrects.
 /// @param rgbd       1×4×H×W in [-1,1]
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole

@@ -7,6 +7,7 @@
 #include "ops/case_attributes.h"
 #include "ops/conv2d/conv2d.h"
 #include "ops/fill/fill.h"
+#include "ops/fill/mirror.h"
 #include "ops/gated_conv/gated_conv2d.h"
 #include "ops/guided/guided.h"
 #include "ops/layering/distance_transform.h"
@@ -180,6 +181,7 @@ constexpr Entry kEntries[] = {
      [](CaseArguments& c) { return weight_standardise(c.input("weight"), c.number("eps", 1e-5)); }},
     {"min_max_normalise", [](CaseArguments& c) { return min_max_normalise(c.input("x")); }},
     {"gaussian_blur", [](CaseArguments& c) { return gaussian_blur(c.input("x"), c.number("sigma")); }},
+    {"mirror_known", [](CaseArguments& c) { return mirror_known(c.input("x"), c.input("weight")); }},
     {"push_pull_fill",
      [](CaseArguments& c) {
        const auto sweeps = static_cast<int>(c.integer("sweeps", 0, 1 << 12));

@@ -7,6 +7,7 @@
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fill/fill_op.h"
+#include "ops/fill/mirror_op.h"
 #include "ops/guided/guided_op.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering_ops.h"
@@ -115,7 +116,7 @@ Json attributes_of(const Op& op, const Shape& output) {
     return {{"shape", std::vector<std::int64_t>(extents.begin(), extents.end())}};
   }
   if (as<BinaryOp>(op) != nullptr || as<MinMaxNormaliseOp>(op) != nullptr || as<SobelOp>(op) != nullptr ||
-      as<DistanceTransformOp>(op) != nullptr)
+      as<DistanceTransformOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr)
     return Json::object();
   throw Error(ErrorKind::kInternal, "the operator " + std::string(op.type()) + " has no case form");
 }
@@ -128,7 +129,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
   }
   if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr) return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
-  if (as<PushPullFillOp>(op) != nullptr) return {"x", "weight"};
+  if (as<PushPullFillOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr) return {"x", "weight"};
   if (as<GuidedCoefficientsOp>(op) != nullptr) return {"guide", "x"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};
   if (as<ContextualAttentionOp>(op) != nullptr) return {"foreground", "background", "mask", "fuse_weight"};

@@ -159,7 +159,7 @@ TEST_CASE("slide_inpaint upsamples in its gated convolutions and ends with the f
   CHECK(after.at("gated_conv2d") == 15);
   CHECK(after.at("conv2d") == 1);
   CHECK(after.at("push_pull_fill") == 5);
-  CHECK(after.at("add") == 1);  // in colour_weight()
+  CHECK(after.at("add") == 2);  // in colour_weight(), and of detail()
   CHECK_FALSE(after.contains("resize"));
 }
 

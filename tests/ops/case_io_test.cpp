@@ -86,6 +86,7 @@ std::vector<Call> calls() {
       {"group_norm", R"({"groups":2,"eps":0.25})", {kImage, {"weight", {4}}, {"bias", {4}}}},
       {"weight_standardise", R"({"eps":0.25})", {{"weight", {3, 2, 3, 3}}}},
       {"gaussian_blur", R"({"sigma":0.8})", {kImage}},
+      {"mirror_known", "{}", {kImage, {"weight", {1, 1, 9, 8}}}},
       {"push_pull_fill", R"({"sweeps":2})", {kImage, {"weight", {1, 1, 9, 8}}}},
       {"guided_coefficients", R"({"radius":2,"eps":0.01})", {{"guide", {1, 3, 9, 8}}, {"x", {1, 1, 9, 8}}}},
       {"sobel", "{}", {{"x", {1, 1, 5, 6}}}},

@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Golden results of the push-pull fill, its weights and the background fill, in float64, from the PyTorch code that trains with them.
+"""Golden results of the push-pull fill, its weights, mirroring and the background fill, in float64, from the PyTorch code that trains with them.
 
   make_fill.py OUT.safetensors      Debian: python3-torch, python3-numpy
 """
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../weights_tools/train'))
-from fill import background_fill, background_weight, push_pull_fill  # noqa: E402
+from fill import background_fill, background_weight, mirror_known, push_pull_fill  # noqa: E402
 
 
 def save(path, tensors):
@@ -43,6 +43,7 @@ def main():
                                        ('even', (1, 1, 16, 32), .05, 0), ('empty', (1, 1, 5, 6), 0, 1), ('pixel', (1, 2, 1, 1), 1, 4)):
         x, weight = case(rng, shape, known)
         out[name + '.x'], out[name + '.weight'], out[name + '.y'] = x, weight, push_pull_fill(x, weight, sweeps)
+        out[name + '.mirrored'] = mirror_known(x, weight)
     y, x = np.mgrid[:20, :28] / 20
     d = .2 + .1 * y + .5 * ((x - .7) ** 2 + (y - .5) ** 2 < .09)
     hole = (np.abs((x - .7) ** 2 + (y - .5) ** 2 - .075) < .02).astype(np.float64)
@@ -51,7 +52,7 @@ def main():
     colours = np.where((x - .7) ** 2 + (y - .5) ** 2 < .07, .6, -.2) + rng.normal(0, .1, (3, 20, 28))  # the disparity is grown
     rgbd = torch.cat([torch.from_numpy(colours.astype(np.float32).astype(np.float64))[None], 2 * d - 1], 1)
     out['scene.rgbd'] = rgbd
-    out['scene.filled'], out['scene.colours'] = background_fill(rgbd, d, hole)
+    _, out['scene.filled'], out['scene.colours'] = background_fill(rgbd, d, hole)
     save(sys.argv[1], out)
 
 

@@ -189,8 +189,8 @@ def stereo(net, folder):
         rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
         s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
         with torch.no_grad():
-            filled, weight = background_fill(s, dt, ht)
-            ours = {'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
+            smooth, filled, weight = background_fill(s, dt, ht)
+            ours = {'smooth fill': smooth[0, :3].numpy(), 'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
         unknown = weight[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
         ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
@@ -215,8 +215,8 @@ def inpaint(a):
         scene, truth, d, _, hole, mask, cover = data.sample()
         with torch.no_grad():
             s, dt, ht = (torch.from_numpy(v)[None] for v in (scene, d, hole))
-            filled, weight = background_fill(s, dt, ht)
-            ours = {'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
+            smooth, filled, weight = background_fill(s, dt, ht)
+            ours = {'smooth fill': smooth[0].numpy(), 'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
             behind = background_weight(dt, ht)
         unknown, beyond = (v[0, 0].numpy() < .5 for v in (weight, behind))
         rgb = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8)

@@ -5,6 +5,7 @@ import torch.nn.functional as F
 SWEEPS = 4
 GAP, REST = 1 / 16, 1e-8  # disparity; weight of pixels that are not behind
 RIM = 5  # pixels: side of the window that says whether known background is near
+DETAIL, DETAIL_LIMIT = 1.75, .1  # gain and largest amount of mirrored detail
 LIKE = 1 / 64  # squared difference of colours that says nothing
 TRUST = 16  # a cell whose mean weight is over 1 / TRUST counts as known
 
@@ -63,8 +64,50 @@ def colour_weight(rgb, weight, hole):
     return torch.maximum(weight, F.max_pool2d(weight, RIM, 1, RIM // 2) * f ** 2 / (b ** 2 + f ** 2 + LIKE ** 2))
 
 
+def mirror_known(x, weight):
+    """Pixels of weight < 1/2 take the value mirrored at the nearest known pixel (of several the first, row by row); reflected
+    at the border."""
+    if len(x) > 1:
+        return torch.cat([mirror_known(a, b) for a, b in zip(x.split(1), weight.split(1))])
+    h, w = x.shape[-2:]
+    known = weight[0, 0] >= .5
+    i, j = torch.arange(h)[:, None].expand(h, w), torch.arange(w)[None].expand(h, w)
+    up = torch.cummax(torch.where(known, i, -4 * h), 0).values
+    down = torch.cummin(torch.where(known, i, 4 * h).flip(0), 0).values.flip(0)
+    row = torch.where(i - up <= down - i, up, down)
+    best = torch.full((h, w), 2 ** 62)
+    for k in range(w):
+        if k * k * h * w > best.max():
+            break
+        for s in (-k, k):
+            a, b = max(0, -s), min(w, w - s)
+            r = row[:, a + s:b + s]
+            key = ((k * k + (i[:, a:b] - r) ** 2) * h + r) * w + j[:, a + s:b + s]
+            best[:, a:b] = torch.minimum(best[:, a:b], torch.where((r >= 0) & (r < h), key, 2 ** 62))
+    if not known.any():
+        return x
+    mirrored = lambda q, p, n: torch.minimum((2 * q - p).abs(), 2 * (n - 1) - (2 * q - p).abs())
+    return x[..., mirrored(best // w % h, i, h), mirrored(best % w, j, w)]
+
+
+def gauss(x):
+    """Deviation 1, seven taps, the border replicated."""
+    n, c, h, w = x.shape
+    k = torch.exp(-torch.arange(-3, 4, dtype=x.dtype) ** 2 / 2)
+    y = F.pad(x, (3, 3, 3, 3), mode='replicate').flatten(0, 1)[:, None]
+    return F.conv2d(F.conv2d(y, (k / k.sum()).view(1, 1, 1, 7)), (k / k.sum()).view(1, 1, 7, 1)).view(n, c, h, w)
+
+
+def detail(rgb, weight):
+    """Texture for the unknown: what the background is beyond its own blur, mirrored into the hole. The limit keeps edges out."""
+    fine = weight * (rgb - gauss(rgb * weight) / gauss(weight))
+    return (1 - weight) * (DETAIL * mirror_known(fine, weight)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
+
+
 def background_fill(rgbd, d, hole):
-    """-> RGBD of the background, and the weight that its colours have; disparity is continued by background_weight()."""
+    """-> RGBD of the background, smooth; the same with detail(); the weight that its colours have. Disparity is continued by
+    background_weight()."""
     weight = background_weight(d, hole)
     colours = colour_weight(rgbd[:, :3], weight, hole)
-    return torch.cat([push_pull_fill(rgbd[:, :3], colours), push_pull_fill(rgbd[:, 3:], weight)], 1), colours
+    smooth, behind = push_pull_fill(rgbd[:, :3], colours), push_pull_fill(rgbd[:, 3:], weight)
+    return torch.cat([smooth, behind], 1), torch.cat([smooth + detail(rgbd[:, :3], colours), behind], 1), colours

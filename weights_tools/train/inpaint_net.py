@@ -67,5 +67,5 @@ class InpaintNet(nn.Module):
 
     def forward(self, rgbd, d, hole):
         """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 4 -> RGBD of the background"""
-        filled, weight = background_fill(rgbd, d, hole)
-        return filled + self.correction(filled, weight, hole)
+        smooth, textured, weight = background_fill(rgbd, d, hole)
+        return textured + self.correction(smooth, weight, hole)

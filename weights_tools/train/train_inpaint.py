@@ -4,7 +4,8 @@
   train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--adversarial .01] [--device cuda]
 
 Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1, multi-scale gradients, and the
-logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same). With
+logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same); all of
+the smooth fill and its correction, without the mirrored detail. With
 --adversarial, for texture, the critic of patch_gan.py joins when the rest has settled.
 """
 import argparse
@@ -43,8 +44,8 @@ def evaluate(net, tests, device):
     ours, fill = [], []
     for scene, truth, d, _, hole, mask, _ in tests:
         scene, truth, d, hole, mask = (torch.from_numpy(v)[None].to(device) for v in (scene, truth, d, hole, mask))
-        filled, _ = background_fill(scene, d, hole)
-        for y, out in ((net(scene, d, hole), ours), (filled, fill)):
+        filled, _, weight = background_fill(scene, d, hole)
+        for y, out in ((filled + net.correction(filled, weight, hole), ours), (filled, fill)):
             out.append(-10 * np.log10(float(squared(y.clamp(-1, 1), truth, mask)) / 4 + 1e-9))
     gain = np.array(ours) - np.array(fill)
     return f'hidden background: {np.mean(ours):.2f} dB, the fill alone {np.mean(fill):.2f} dB, gain {gain.mean():.2f}, better in {100 * (gain > 0).mean():.0f}%'
@@ -74,7 +75,8 @@ def main():
         net.load_state_dict(saved['net'])
     else:
         scene, _, d, _, hole, _, _ = (torch.from_numpy(np.stack(t)) for t in zip(*[data.sample() for _ in range(8)]))
-        net.calibrate(torch.cat([*background_fill(scene, d, hole), hole], 1))
+        filled, _, weight = background_fill(scene, d, hole)
+        net.calibrate(torch.cat([filled, weight, hole], 1))
     net = net.to(a.device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=a.rate, betas=(.9, .99), weight_decay=1e-3)
     average = Average(net)
@@ -91,7 +93,7 @@ def main():
     while schedule.advance():
         scene, truth, d, _, hole, mask, cover = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample() for _ in range(a.batch)]))
         with torch.no_grad():
-            filled, weight = background_fill(scene, d, hole)
+            filled, _, weight = background_fill(scene, d, hole)
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             correction = net.correction(filled.contiguous(memory_format=torch.channels_last), weight, hole)
         y = filled + correction.float()
