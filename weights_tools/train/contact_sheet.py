@@ -25,14 +25,14 @@ def listed(names):
 
 
 def maps(run, photo, options):
-    """-> photo, disparity, matte (grey where there is none) and view, as RGB bytes of the photo's size."""
+    """-> photo, disparity, matte (grey where none is used) and view, as bytes."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([run, photo, '--max-side', '512', '--matte', 'auto', '--path', 'swing', '--frames', '4', '--quiet',
                         '--layers', folder + '/layers', '-o', folder + '/frames/', *options], check=True)
-        read = lambda f: cv2.imread(f'{folder}/{f}', cv2.IMREAD_UNCHANGED)
-        image, view = read('layers/image.png'), read('frames/frame_0001.png')
-        matte = read('layers/matte.pfm') if os.path.exists(folder + '/layers/matte.pfm') else np.full(image.shape[:2], .25)
-        grey = [cv2.cvtColor((v.clip(0, 1) * 255).astype(np.uint8), cv2.COLOR_GRAY2BGR) for v in (read('layers/D.pfm'), matte)]
+        image, view = cv2.imread(folder + '/layers/image.png'), cv2.imread(folder + '/frames/frame_0001.png')
+        read = lambda f: cv2.imread(f'{folder}/layers/{f}', cv2.IMREAD_UNCHANGED)
+        matte = read('matte.pfm') if os.path.exists(folder + '/layers/matte.pfm') else np.full(image.shape[:2], .25)
+        grey = [cv2.cvtColor((v.clip(0, 1) * 255).astype(np.uint8), cv2.COLOR_GRAY2BGR) for v in (read('D.pfm'), matte)]
         return [image, *grey, view]
 
 
