@@ -6,7 +6,8 @@
 
 namespace slide::ops {
 
-Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps) {
+Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps)
+    : residual_last_(fusion.residual_last) {
   const PointwiseRoutines& routines = pointwise_routines_of(isa);
   add_ = routines.binary[static_cast<std::size_t>(BinaryKind::kAdd)];
   if (!fusion.activation) return;
@@ -26,6 +27,10 @@ Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps)
 
 void Conv2dEpilogue::finish(float* sums, const float* residual, float* y, std::int64_t count) const {
   const auto n = static_cast<std::size_t>(count);
+  if (residual_last_ && residual != nullptr) {
+    if (function_ != nullptr) function_(sums, sums, n, a_, b_);
+    return add_(sums, 1, residual, 1, y, n);
+  }
   if (residual != nullptr) add_(sums, 1, residual, 1, function_ != nullptr ? sums : y, n);
   if (function_ != nullptr)
     function_(sums, y, n, a_, b_);

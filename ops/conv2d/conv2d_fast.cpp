@@ -73,8 +73,9 @@ class Conv2dKernel : public Kernel {
     const double sums = method(op, inputs).error_factor() +
                         (fusion.residual && Method::kPrecision == Precision::kFp32 ? 1 : 0);
     if (Method::kPrecision == Precision::kInt8) return 1.01 * sums;
-    const double functions =
-        (fusion.gate ? 8 : 0) + (fusion.activation ? unary_error_factor(*fusion.activation) : 0);
+    const double functions = (fusion.gate ? 8 : 0) +
+                             (fusion.activation ? unary_error_factor(*fusion.activation) : 0) +
+                             (fusion.residual_last ? 1 : 0);
     return (fusion.gate || fusion.activation ? 1.01 : 1.0) * std::max(sums, functions);
   }
   /// A method whose errors are not relative to |w| ∗ |x| + |b| has an error_scale() of its own.

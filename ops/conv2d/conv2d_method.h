@@ -17,11 +17,12 @@ struct Conv2dFusion {
   bool relu_input = false;      ///< x is max(x, 0)
   bool upsample_input = false;  ///< x is upsampled by 2 (nearest) before it is convolved
   bool residual = false;        ///< the last input, of the output's shape, is added to the sums and the bias
+  bool residual_last = false;   ///< ... is added to the result of the activation instead
   bool gate = false;            ///< the first half of the channels a, the second g: elu(a) · sigmoid(g)
   std::shared_ptr<const UnaryOp> activation = nullptr;  ///< of the result
 };
 
-/// "relu before, residual, then relu6"; empty for a plain convolution.
+/// "relu before, residual, relu6", with residual_last "relu6, residual"; empty for a plain convolution.
 [[nodiscard]] std::string text_of(const Conv2dFusion& fusion);
 
 /// The tensors of one call.
@@ -60,8 +61,8 @@ class Conv2dEpilogue {
   [[nodiscard]] bool empty(const float* residual) const noexcept {
     return function_ == nullptr && residual == nullptr;
   }
-  /// y[j] = activation(sums[j] + residual[j]) for j < count; residual may be null, y may be sums. sums is
-  /// overwritten.
+  /// y[j] = activation(sums[j] + residual[j]) for j < count, or activation(sums[j]) + residual[j]; residual
+  /// may be null, y may be sums. sums is overwritten.
   void finish(float* sums, const float* residual, float* y, std::int64_t count) const;
 
  private:
@@ -71,6 +72,7 @@ class Conv2dEpilogue {
   Function function_ = nullptr;
   Add add_ = nullptr;
   float a_ = 0, b_ = 0;
+  bool residual_last_;
   float low_ = -std::numeric_limits<float>::infinity();
   float high_ = std::numeric_limits<float>::infinity();
 };

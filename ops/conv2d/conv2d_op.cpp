@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "ops/common/op_support.h"
+#include "ops/pointwise/unary_row.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
@@ -47,9 +48,10 @@ std::string text_of(const Conv2dFusion& fusion) {
   const auto append = [&](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (fusion.upsample_input) append("x2 before");
   if (fusion.relu_input) append("relu before");
-  if (fusion.residual) append("residual");
+  if (fusion.residual && !fusion.residual_last) append("residual");
   if (fusion.gate) append("gate");
   if (fusion.activation) append(std::string(fusion.activation->type()));
+  if (fusion.residual && fusion.residual_last) append("residual");
   return text;
 }
 
@@ -58,24 +60,6 @@ std::vector<Shape> shapes_of(std::span<const Tensor> tensors) {
   shapes.reserve(tensors.size());
   for (const Tensor& t : tensors) shapes.push_back(t.shape());
   return shapes;
-}
-
-std::optional<double> activation_slope(const UnaryOp& op) {
-  switch (op.kind()) {
-    case UnaryKind::kRelu:
-    case UnaryKind::kRelu6:
-    case UnaryKind::kTanh:
-    case UnaryKind::kAbs:
-    case UnaryKind::kClip:
-      return 1.0;
-    case UnaryKind::kSigmoid:
-      return 0.25;
-    case UnaryKind::kElu:
-    case UnaryKind::kLeakyRelu:
-      return std::max(1.0, std::fabs(op.a()));
-    default:
-      return std::nullopt;
-  }
 }
 
 std::string_view Conv2dOp::type() const { return fusion_.gate ? "gated_conv2d" : "conv2d"; }
@@ -144,10 +128,13 @@ void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   } else {
     conv2d_reference(g, own, y);
   }
-  if (fusion_.residual)
+  const auto add_residual = [&] {
     for (std::size_t i = 0; i < y.size(); ++i) y[i] += inputs[3].data<double>()[i];
+  };
+  if (fusion_.residual && !fusion_.residual_last) add_residual();
   if (fusion_.activation)
     for (double& v : y) v = fusion_.activation->evaluate(v);
+  if (fusion_.residual && fusion_.residual_last) add_residual();
 }
 
 void Conv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
@@ -175,11 +162,16 @@ void Conv2dOp::error_scale_of_sums(std::span<const Tensor> inputs, std::span<con
   } else {
     std::copy(sums.begin(), sums.end(), s.begin());
   }
-  if (fusion_.residual)
-    for (std::size_t i = 0; i < s.size(); ++i) s[i] += rounding * std::fabs(inputs[3].data<double>()[i]);
-  if (fusion_.activation)
-    for (std::size_t i = 0; i < s.size(); ++i)
-      s[i] = s[i] * activation_slope(*fusion_.activation).value_or(1.0) + rounding * std::fabs(y[i]);
+  const auto residual = [&](std::size_t i) {
+    return fusion_.residual ? rounding * std::fabs(inputs[3].data<double>()[i]) : 0;
+  };
+  // Behind the activation |y| + |residual| bounds what the activation gave.
+  const double slope = fusion_.activation ? activation_slope(*fusion_.activation).value_or(1.0) : 1;
+  for (std::size_t i = 0; i < s.size(); ++i) {
+    if (!fusion_.residual_last) s[i] += residual(i);
+    if (fusion_.activation) s[i] = s[i] * slope + rounding * std::fabs(y[i]);
+    if (fusion_.residual_last) s[i] += residual(i);
+  }
 }
 
 }  // namespace slide::ops

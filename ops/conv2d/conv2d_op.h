@@ -22,7 +22,8 @@ class Conv2dOp : public Op {
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   /// For the convolution s = |w| ∗ |x| + |b|, and for each product and the bias 2^-102, so that u times it
   /// covers results and operands that are flushed to zero below the smallest normal float32, 2^-126; plus
-  /// |residual|. An activation of slope at most L makes of it L·s + |y|. A gate, with s_a and s_g the scale
+  /// |residual|. An activation of slope at most L makes of it L·s + |y|; a residual behind it adds |residual|
+  /// to that. A gate, with s_a and s_g the scale
   /// at a and g, makes of it
   ///   s_a · gate + |elu(a)| · s_g · min(1/4, gate) + |y| + 2^-102 · (1 + |elu(a)|),
   ///   gate = min(1, sigmoid(g) · e^(s_g / 64)).
@@ -59,9 +60,6 @@ class Conv2dOp : public Op {
 
 /// The shapes of tensors, for functions that are given tensors only.
 [[nodiscard]] std::vector<Shape> shapes_of(std::span<const Tensor> tensors);
-
-/// The largest slope of a function that may be fused as activation; nothing if it may not.
-[[nodiscard]] std::optional<double> activation_slope(const UnaryOp& op);
 
 /// The definition in float64: y[n,o] = b[o], then for each tap (c, u, v) in this order one product is added.
 /// `inputs` are F64: x, weight, perhaps bias.

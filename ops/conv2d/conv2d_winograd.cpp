@@ -142,7 +142,8 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
   const std::int64_t most = shared_ ? std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles) : own;
   if (line_tiles_ > most) {
     const std::int64_t line = line_tiles_;
-    line_tiles_ = round_up(divide_up(line, divide_up(line, most)), g_.dilation_x);
+    // Segments of whole vectors: of a vector's tiles beyond the segment, products are computed in vain.
+    line_tiles_ = round_up(round_up(divide_up(line, divide_up(line, most)), kRowAlignment), g_.dilation_x);
     segments_ = divide_up(line, line_tiles_);
   }
   strip_lines_ = segments_ > 1 ? 1 : std::clamp<std::int64_t>(most / line_tiles_, 1, lines_);

@@ -5,6 +5,7 @@
 #include "ops/normalise/normalise_ops.h"
 #include "ops/pointwise/binary_op.h"
 #include "ops/pointwise/unary_op.h"
+#include "ops/pointwise/unary_row.h"
 #include "ops/tensor_shape/tensor_shape_ops.h"
 
 namespace slide::ops {
@@ -29,6 +30,10 @@ bool foldable(const Draft& draft, int i, const Conv2dOp& conv) {
   const std::vector<int>& inputs = draft.node(i).inputs;
   return !conv.fusion().residual &&
          std::all_of(inputs.begin() + 1, inputs.end(), [&](int j) { return draft.constant(j); });
+}
+
+std::shared_ptr<const Op> with_fusion(const GroupNormOp& norm, const GroupNormFusion& fusion) {
+  return std::make_shared<GroupNormOp>(norm.groups(), norm.eps(), fusion);
 }
 
 int add_unary(Draft& draft, int owner, UnaryKind kind, int x, double a = 0, double b = 0) {
@@ -86,22 +91,37 @@ bool fold_norm(Draft& draft, int i) {
   return true;
 }
 
-/// add() i becomes the later of the two convolutions before it, with the other summand as its residual.
+/// Whether a residual fits behind node i: a convolution or group norm that nothing else reads, with neither
+/// gate nor residual, of which convolutions may have an activation.
+bool takes_residual(const Draft& draft, int i) {
+  if (!draft.read_once(i)) return false;
+  if (const auto* conv = draft.as<Conv2dOp>(i)) return !conv->fusion().gate && !conv->fusion().residual;
+  const auto* norm = draft.as<GroupNormOp>(i);
+  return norm != nullptr && !norm->fusion().residual && norm->fusion().activation == nullptr;
+}
+
+/// add() i becomes the later of the two convolutions or group norms before it, with the other summand as its
+/// residual.
 void fuse_residual(Draft& draft, int i) {
   const auto* add = draft.as<BinaryOp>(i);
   if (add == nullptr || add->kind() != BinaryKind::kAdd) return;
   const std::vector<int> summands = draft.node(i).inputs;
   if (draft.node(summands[0]).shape != draft.node(summands[1]).shape) return;
   const auto [first, last] = std::minmax({summands[0], summands[1]});
-  for (const auto& [conv, other] : {std::pair(last, first), std::pair(first, last)}) {
-    const Conv2dOp* op = open_conv(draft, conv);
-    if (op == nullptr || op->fusion().residual) continue;
-    Conv2dFusion fusion = op->fusion();
-    fusion.residual = true;
-    std::vector<int> inputs = draft.node(conv).inputs;
+  for (const auto& [before, other] : {std::pair(last, first), std::pair(first, last)}) {
+    if (!takes_residual(draft, before)) continue;
+    std::vector<int> inputs = draft.node(before).inputs;
     if (inputs.size() < 3) inputs.push_back(draft.add_constant(i, {draft.node(i).shape[1]}, 0));
     inputs.push_back(other);
-    auto fused = std::make_shared<Conv2dOp>(op->params(), fusion);
+    std::shared_ptr<const Op> fused;
+    if (const auto* conv = draft.as<Conv2dOp>(before)) {
+      Conv2dFusion fusion = conv->fusion();
+      fusion.residual = true;
+      fusion.residual_last = fusion.activation != nullptr;
+      fused = std::make_shared<Conv2dOp>(conv->params(), fusion);
+    } else {
+      fused = with_fusion(*draft.as<GroupNormOp>(before), {.residual = true});
+    }
     if (draft.may_become(i, *fused, inputs)) return draft.replace(i, std::move(fused), std::move(inputs));
   }
 }
@@ -110,12 +130,19 @@ void fuse_activation(Draft& draft, int i) {
   const auto* activation = draft.as<UnaryOp>(i);
   if (activation == nullptr || !activation_slope(*activation)) return;
   const int before = draft.node(i).inputs[0];
-  const Conv2dOp* conv = open_conv(draft, before);
-  if (conv == nullptr) return;
-  Conv2dFusion fusion = conv->fusion();
-  fusion.activation = std::static_pointer_cast<const UnaryOp>(draft.node(i).op);
+  const auto function = std::static_pointer_cast<const UnaryOp>(draft.node(i).op);
   const std::vector<int> inputs = draft.node(before).inputs;
-  auto fused = std::make_shared<Conv2dOp>(conv->params(), fusion);
+  std::shared_ptr<const Op> fused;
+  if (const Conv2dOp* conv = open_conv(draft, before)) {
+    Conv2dFusion fusion = conv->fusion();
+    fusion.activation = function;
+    fused = std::make_shared<Conv2dOp>(conv->params(), fusion);
+  } else if (const auto* norm = draft.as<GroupNormOp>(before);
+             norm != nullptr && draft.read_once(before) && norm->fusion().activation == nullptr) {
+    fused = with_fusion(*norm, {.residual = norm->fusion().residual, .activation = function});
+  } else {
+    return;
+  }
   if (draft.may_become(i, *fused, inputs)) draft.replace(i, std::move(fused), inputs);
 }
 

@@ -20,10 +20,12 @@ struct FusionOptions {
 /// - behind it, where each reads the one before and nothing else does:
 ///   batch norm and affine(): into weight and bias, by nodes on constants that a plan folds in float64;
 ///   then an add() of a tensor of the same shape (of two convolutions the later one takes the other);
-///   then an activation (ops/conv2d/conv2d_op.h, activation_slope()).
-///   A gated convolution has nothing behind it;
+///   then an activation (ops/pointwise/unary_row.h, activation_slope()), or the activation and then the
+///   add(). A gated convolution has nothing behind it;
 /// - before it, where only convolutions read it: relu(), zero padding, and the nearest upsampling by 2 of 3×3
 ///   convolutions that keep the size.
+///
+/// Into a group norm go an add() and an activation behind it, in this order.
 ///
 /// Nodes that copy their input (concat of one, resize, slice or reshape to the same shape, affine 1·x + 0)
 /// and nodes that no output depends on are left out.

@@ -10,7 +10,8 @@ namespace slide::ops {
 void leave_out_copy(Draft& draft, int i);
 
 /// Node i behind a convolution that nothing else reads: the node becomes that convolution with batch norm or
-/// affine() folded into its constants, with a residual, or with an activation.
+/// affine() folded into its constants, with a residual, or with an activation. Behind a group norm, a
+/// residual and an activation.
 void fuse_behind(Draft& draft, int i);
 
 /// Node i, relu(), zero padding or nearest upsampling that only convolutions read: they do it themselves.

@@ -3,6 +3,7 @@
 #include "ops/common/elements.h"
 #include "ops/normalise/normalise.h"
 #include "ops/normalise/normalise_ops.h"
+#include "ops/pointwise/unary_row.h"
 
 namespace slide::ops {
 namespace {
@@ -46,11 +47,15 @@ void for_groups(const Tensor& input, std::int64_t groups, F f) {
 }  // namespace
 
 std::string GroupNormOp::attributes() const {
-  return std::to_string(groups_) + " groups eps " + number_text(eps_);
+  std::string text = std::to_string(groups_) + " groups eps " + number_text(eps_);
+  if (fusion_.residual) text += ", residual";
+  if (fusion_.activation) text += ", " + std::string(fusion_.activation->type());
+  return text;
 }
 
 Shape GroupNormOp::infer(std::span<const Shape> inputs) const {
-  require_input_count("group_norm", inputs, 3, 3);
+  const std::size_t count = fusion_.residual ? 4 : 3;
+  require_input_count("group_norm", inputs, count, count);
   const Nchw in = nchw(inputs[0]);
   require_at_least("number of groups", groups_, 1);
   require(in.c % groups_ == 0, std::to_string(in.c) + " channels of " + inputs[0].text() +
@@ -58,6 +63,7 @@ Shape GroupNormOp::infer(std::span<const Shape> inputs) const {
   require(std::isfinite(eps_) && eps_ >= 0, "eps is " + number_text(eps_));
   require_shape("weight", inputs[1], {in.c});
   require_shape("bias", inputs[2], {in.c});
+  if (fusion_.residual) require_shape("residual", inputs[3], inputs[0]);
   return inputs[0];
 }
 
@@ -68,20 +74,26 @@ void GroupNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   double* y = f64(output);
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
     y[i] = (x[i] - m.mean) / std::sqrt(m.variance + eps_) * weight[c] + bias[c];
+    if (fusion_.residual) y[i] += f64(inputs[3])[i];
+    if (fusion_.activation) y[i] = fusion_.activation->evaluate(y[i]);
   });
 }
 
-/// |weight| · (|x| + |mean|) / sqrt(var + eps) + |bias|, as for batch norm, and what the statistics add.
-void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
+/// |weight| · (|x| + |mean|) / sqrt(var + eps) + |bias|, as for batch norm, and what the statistics add; plus
+/// |residual|. An activation of slope at most L makes of it L·s + |y|.
+void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   const double* x = f64(inputs[0]);
   const double* weight = f64(inputs[1]);
   const double* bias = f64(inputs[2]);
   double* s = f64(scale);
   const std::int64_t count = inputs[0].count() / inputs[0].shape()[0] / groups_;
+  const double slope = fusion_.activation ? activation_slope(*fusion_.activation).value_or(1.0) : 1;
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
     const double inverse = 1 / std::sqrt(m.variance + eps_);
     const double size = (std::fabs(x[i]) + std::fabs(m.mean)) * inverse + statistics_scale(m, inverse, count);
     s[i] = size * std::fabs(weight[c]) + std::fabs(bias[c]);
+    if (fusion_.residual) s[i] += std::fabs(f64(inputs[3])[i]);
+    if (fusion_.activation) s[i] = slope * s[i] + std::fabs(f64(output)[i]);
   });
 }
 

@@ -13,6 +13,7 @@
 #include "ops/pointwise/binary_op.h"
 #include "ops/pointwise/pointwise_routines.h"
 #include "ops/pointwise/unary_op.h"
+#include "ops/pointwise/unary_row.h"
 #include "ops/reduce/reduce_routines.h"
 
 namespace slide::ops {
@@ -91,8 +92,11 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
   using LevelKernel::LevelKernel;
 
  private:
-  [[nodiscard]] double factor(const GroupNormOp& /*op*/, std::span<const Shape> /*inputs*/) const override {
-    return rounding_factor(kAffineRoundings);
+  /// A residual is one more rounding; the activation's are relative to |y|, which the scale holds beside the
+  /// rest.
+  [[nodiscard]] double factor(const GroupNormOp& op, std::span<const Shape> /*inputs*/) const override {
+    const double sums = rounding_factor(kAffineRoundings + (op.fusion().residual ? 1 : 0));
+    return op.fusion().activation ? 1.01 * std::max(sums, unary_error_factor(*op.fusion().activation)) : sums;
   }
   void compute(const GroupNormOp& op, std::span<const Tensor> inputs, Tensor& output,
                std::span<std::byte> /*scratch*/) const override {
@@ -102,6 +106,7 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
     const float* x = f32(inputs[0]);
     const float* weight = f32(inputs[1]);
     const float* bias = f32(inputs[2]);
+    const float* residual = op.fusion().residual ? f32(inputs[3]) : nullptr;
     float* y = f32(output);
     for_ranges(in.n * op.groups(), 1, [&](std::int64_t group, std::int64_t) {
       const Statistics s = statistics(*routines().reduce, x + group * count, count, op.eps());
@@ -109,9 +114,25 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
         const std::int64_t c = group % op.groups() * channels + k;
         const double scale = static_cast<double>(weight[c]) * s.inverse;
         const std::int64_t at = group * count + k * in.plane();
-        routines().affine(x + at, y + at, in.plane(), scale, static_cast<double>(bias[c]) - s.mean * scale);
+        finish(op.fusion(), x + at, residual != nullptr ? residual + at : nullptr, y + at, in.plane(), scale,
+               static_cast<double>(bias[c]) - s.mean * scale);
       }
     });
+  }
+
+  /// activation(scale · x + shift + residual), a piece at a time, so that it stays in the first-level cache.
+  void finish(const GroupNormFusion& fusion, const float* x, const float* residual, float* y,
+              std::int64_t count, double scale, double shift) const {
+    constexpr std::int64_t kPiece = 2048;
+    const auto add = routines().pointwise->binary[static_cast<std::size_t>(BinaryKind::kAdd)];
+    for (std::int64_t first = 0; first < count; first += kPiece) {
+      const std::int64_t piece = std::min(kPiece, count - first);
+      const auto n = static_cast<std::size_t>(piece);
+      float* to = y + first;
+      routines().affine(x + first, to, piece, scale, shift);
+      if (residual != nullptr) add(to, 1, residual + first, 1, to, n);
+      if (fusion.activation) unary_row(*fusion.activation, *routines().pointwise)(to, to, n);
+    }
   }
 };
 

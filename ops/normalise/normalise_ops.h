@@ -1,7 +1,10 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <utility>
 
+#include "ops/pointwise/unary_op.h"
 #include "runtime/op.h"
 
 namespace slide::ops {
@@ -23,12 +26,20 @@ class BatchNormOp : public Op {
   double eps_;
 };
 
-/// group_norm(); inputs x, weight, bias.
+/// What a group norm may do beside normalising, in the order of the computation (ops/fusion).
+struct GroupNormFusion {
+  bool residual = false;  ///< the last input, of the output's shape, is added
+  std::shared_ptr<const UnaryOp> activation = nullptr;
+};
+
+/// group_norm(); inputs x, weight, bias and, if fused, a residual.
 class GroupNormOp : public Op {
  public:
-  GroupNormOp(std::int64_t groups, double eps) : groups_(groups), eps_(eps) {}
+  GroupNormOp(std::int64_t groups, double eps, GroupNormFusion fusion = {})
+      : groups_(groups), eps_(eps), fusion_(std::move(fusion)) {}
   [[nodiscard]] std::int64_t groups() const noexcept { return groups_; }
   [[nodiscard]] double eps() const noexcept { return eps_; }
+  [[nodiscard]] const GroupNormFusion& fusion() const noexcept { return fusion_; }
 
   [[nodiscard]] std::string_view type() const override { return "group_norm"; }
   [[nodiscard]] std::string attributes() const override;
@@ -40,6 +51,7 @@ class GroupNormOp : public Op {
  private:
   std::int64_t groups_;
   double eps_;
+  GroupNormFusion fusion_;
 };
 
 /// weight_standardise(); input weight.

@@ -29,6 +29,24 @@ float rounded_down(double value) {
 
 }  // namespace
 
+std::optional<double> activation_slope(const UnaryOp& op) {
+  switch (op.kind()) {
+    case UnaryKind::kRelu:
+    case UnaryKind::kRelu6:
+    case UnaryKind::kTanh:
+    case UnaryKind::kAbs:
+    case UnaryKind::kClip:
+      return 1.0;
+    case UnaryKind::kSigmoid:
+      return 0.25;
+    case UnaryKind::kElu:
+    case UnaryKind::kLeakyRelu:
+      return std::max(1.0, std::fabs(op.a()));
+    default:
+      return std::nullopt;
+  }
+}
+
 UnaryRow unary_row(const UnaryOp& op, const PointwiseRoutines& routines) {
   return {routines.unary[static_cast<std::size_t>(op.kind())],
           op.kind() == UnaryKind::kGreater ? rounded_down(op.a()) : rounded(op.a()), rounded(op.b())};

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <optional>
+
 #include "ops/pointwise/pointwise_routines.h"
 #include "ops/pointwise/unary_op.h"
 
@@ -17,6 +19,9 @@ struct UnaryRow {
 
 /// The routines of the level, which must be one of this build's.
 [[nodiscard]] const PointwiseRoutines& pointwise_routines_of(Isa isa);
+
+/// The largest slope of a function that may be fused as activation; nothing if it may not.
+[[nodiscard]] std::optional<double> activation_slope(const UnaryOp& op);
 
 /// c of |y - y64| <= c·u·scale for UnaryRow, scale being UnaryOp::error_scale().
 [[nodiscard]] double unary_error_factor(const UnaryOp& op);

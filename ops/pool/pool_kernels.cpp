@@ -1,8 +1,9 @@
-// At stride 1 a vector holds the windows of neighbouring outputs, and tap k is an unaligned load k elements
-// further on. Other strides go output by output for a fixed tap, which compilers vectorise with shuffles
-// where the stride is a constant.
+// A vector holds the windows of neighbouring outputs. At stride 1, tap k is an unaligned load k elements
+// further on; at stride 2 it is every second lane of two such loads, so that the first lanes of a pair give
+// an even tap and the others the next. Other strides go output by output for a fixed tap.
 
 #include "ops/pool/pool_routines.h"
+#include "ops/simd/lanes.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -31,8 +32,25 @@ SLIDE_INLINE void strided(const float* x, std::size_t kernel, std::size_t stride
 }
 
 template <typename F>
+SLIDE_INLINE void every_second(const float* x, std::size_t kernel, float* y, std::size_t count) {
+  std::size_t j = 0;
+  // The last pair of loads may reach one element beyond the last window: it stays out of whole vectors.
+  for (; j + kWidth < count; j += kWidth) {
+    const float* from = x + 2 * j;
+    Float kept = simd::even(simd::load(from), simd::load(from + kWidth));
+    for (std::size_t k = 1; k < kernel; ++k) {
+      const float* pair = from + k / 2 * 2;
+      const Float low = simd::load(pair), high = simd::load(pair + kWidth);
+      kept = F::call(kept, k % 2 == 0 ? simd::even(low, high) : simd::odd(low, high));
+    }
+    simd::store(y + j, kept);
+  }
+  strided<F>(x + 2 * j, kernel, 2, y + j, count - j);
+}
+
+template <typename F>
 void windows(const float* x, std::size_t kernel, std::size_t stride, float* y, std::size_t count) {
-  if (stride == 2) return strided<F>(x, kernel, 2, y, count);
+  if (stride == 2) return every_second<F>(x, kernel, y, count);
   if (stride != 1) return strided<F>(x, kernel, stride, y, count);
   std::size_t j = 0;
   for (; j + kWidth <= count; j += kWidth) {

@@ -1,6 +1,7 @@
 // Along a row the taps are gathered: each output has its own indices and weights, tap by tap in separate
-// arrays, so that compilers turn the loop into vector gathers where the level has them. Across rows it is a
-// weighted sum of whole vectors.
+// arrays, so that compilers turn the loop into vector gathers where the level has them. Of two taps, a vector
+// of outputs that reads no more than a vector of inputs, as in upsampling, takes them from one register where
+// the level can permute by variable indices. Across rows it is a weighted sum of whole vectors.
 
 #include "ops/resize/resize_routines.h"
 #include "ops/simd/simd.h"
@@ -22,10 +23,40 @@ void gather(const float* __restrict x, const std::int32_t* __restrict index, con
   }
 }
 
+#if defined(__AVX512F__)
+/// Two taps of outputs whose indices never decrease.
+void gather_pairs(const float* x, const std::int32_t* index, const float* weight, float* y,
+                  std::size_t count) {
+  std::size_t j = 0;
+  for (; j + kWidth <= count; j += kWidth) {
+    const std::int32_t first = index[j];
+    const std::int32_t reach = index[count + j + kWidth - 1] - first + 1;
+    if (reach > kWidth) {
+      for (std::size_t i = j; i < j + kWidth; ++i)
+        y[i] = weight[i] * x[index[i]] + weight[count + i] * x[index[count + i]];
+      continue;
+    }
+    const Float from = reach == kWidth ? simd::load(x + first)
+                                       : simd::load_partial(x + first, static_cast<std::size_t>(reach));
+    const __m512i start = _mm512_set1_epi32(first);
+    const auto tap = [&](std::size_t at) {
+      return Float{_mm512_permutexvar_ps(_mm512_sub_epi32(_mm512_loadu_si512(index + at), start), from.v)};
+    };
+    simd::store(y + j, simd::load(weight + j) * tap(j) + simd::load(weight + count + j) * tap(count + j));
+  }
+  for (; j < count; ++j) y[j] = weight[j] * x[index[j]] + weight[count + j] * x[index[count + j]];
+}
+#else
+void gather_pairs(const float* x, const std::int32_t* index, const float* weight, float* y,
+                  std::size_t count) {
+  gather<2>(x, index, weight, y, count);
+}
+#endif
+
 void along_row(const float* x, const std::int32_t* index, const float* weight, int taps, float* y,
                std::size_t count) {
   if (taps == 4) return gather<4>(x, index, weight, y, count);
-  if (taps == 2) return gather<2>(x, index, weight, y, count);
+  if (taps == 2) return gather_pairs(x, index, weight, y, count);
   for (std::size_t j = 0; j < count; ++j) y[j] = x[index[j]];
 }
 

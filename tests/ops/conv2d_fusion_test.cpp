@@ -32,8 +32,9 @@ struct Pair {
     Value y = fusion.upsample_input ? ops::upsample_nearest(v[0], 2) : v[0];
     if (fusion.relu_input) y = ops::relu(y);
     y = fusion.gate ? ops::gated_conv2d(y, v[1], v[2], params) : ops::conv2d(y, v[1], v[2], params);
-    if (fusion.residual) y = ops::add(y, v[3]);
+    if (fusion.residual && !fusion.residual_last) y = ops::add(y, v[3]);
     if (fusion.activation) y = parts.add(fusion.activation, {y});
+    if (fusion.residual && fusion.residual_last) y = ops::add(y, v[3]);
     parts.output("y", y);
   }
 
@@ -92,6 +93,18 @@ TEST_CASE("a fused convolution is the composition of its parts, and its kernels 
            {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kSigmoid)})
           .check();
     }
+}
+
+TEST_CASE("a residual may come behind the activation") {
+  const Shape x{1, 24, 26, 50};
+  for (const ops::UnaryKind kind : {ops::UnaryKind::kRelu, ops::UnaryKind::kSigmoid}) {
+    const ops::Conv2dFusion fusion{.residual = true, .residual_last = true, .activation = unary(kind)};
+    Pair(x, {20, 24, 3, 3}, ops::Conv2dParams::same(3), fusion).check();
+    Pair(x, {20, 24, 3, 3}, ops::Conv2dParams::same(3, 1, 2), fusion).check();
+    Pair(x, {20, 24, 3, 3}, ops::Conv2dParams::same(3, 2), fusion).check();
+    Pair(x, {20, 24, 1, 1}, {}, fusion).check();
+    Pair(x, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 1, 1, 24), fusion).check();
+  }
 }
 
 TEST_CASE("a convolution of an upsampled image is computed from the small image") {

@@ -205,6 +205,45 @@ TEST_CASE("a residual block becomes its convolutions") {
   CHECK(fusion_of(*result, "y").activation->kind() == UnaryKind::kRelu);
 }
 
+TEST_CASE("a sum behind an activation becomes a residual behind it, and nothing follows") {
+  Net n;
+  n.graph.output("y", relu(add(relu(n.conv(n.x, "a")), n.x)));
+  const auto result = fused(n.graph);
+  CHECK(types(*result) == Types{"conv2d", "relu"});
+  const auto& fusion = fusion_of(*result, result->node(result->node(*result->find("y")).inputs[0]).name);
+  CHECK(fusion.residual);
+  CHECK(fusion.residual_last);
+  CHECK(fusion.activation->kind() == UnaryKind::kRelu);
+}
+
+TEST_CASE("a group norm takes in the sum and the activation behind it") {
+  const auto group = [](Net& n, Value x, std::string_view name) {
+    const auto scope = n.graph.scope(name);
+    const Value weight = n.graph.parameter("weight", {4});
+    return group_norm(x, 2, weight, n.graph.parameter("bias", {4}), 1e-3);
+  };
+  SUBCASE("both") {
+    Net n;
+    n.graph.output("y", leaky_relu(add(group(n, n.x, "a"), n.x), 0.1));
+    CHECK(types(*fused(n.graph)) == Types{"group_norm"});
+  }
+  SUBCASE("of two added, the later one takes the other") {
+    Net n;
+    const Value a = group(n, n.x, "a");
+    n.graph.output("y", relu(add(a, group(n, n.x, "b"))));
+    const auto result = fused(n.graph);
+    CHECK(types(*result) == Types{"group_norm", "group_norm"});
+    CHECK(result->node(result->node(*result->find("y")).inputs[3]).name == "a.group_norm");
+  }
+  SUBCASE("an activation that others read, too, stays out of what is behind it") {
+    Net n;
+    const Value y = relu(group(n, n.x, "a"));
+    n.graph.output("a", y);
+    n.graph.output("y", add(y, n.x));
+    CHECK(types(*fused(n.graph)) == Types{"group_norm", "add"});
+  }
+}
+
 TEST_CASE("a convolution without bias that gets a residual gets a bias of zeros") {
   Net n;
   n.graph.output("y", add(n.conv(n.x, "a", false), n.x));
@@ -262,10 +301,10 @@ TEST_CASE("a sum stays where it is no residual") {
     n.graph.output("y", add(y, slide::ops::exp(n.x)));
     CHECK(types(*fused(n.graph)) == Types{"conv2d", "exp", "add"});
   }
-  SUBCASE("an activation lies between") {
+  SUBCASE("a function that is no activation lies between") {
     Net n;
-    n.graph.output("y", add(relu(n.conv(n.x, "a")), n.x));
-    CHECK(types(*fused(n.graph)) == Types{"conv2d", "add"});
+    n.graph.output("y", add(slide::ops::exp(n.conv(n.x, "a")), n.x));
+    CHECK(types(*fused(n.graph)) == Types{"conv2d", "exp", "add"});
   }
   SUBCASE("the convolution is gated") {
     Net n;

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "judge.h"
+#include "ops/normalise/normalise_ops.h"
 
 using namespace slide;
 using test::Call;
@@ -77,6 +78,31 @@ TEST_CASE("group norm kernels keep their bound, also where the mean is far large
     test::judge(group_norm(moved(random_tensor({1, 4, 5, width}, 3), 1, 1000), 2, 4));
     test::judge(group_norm(moved(random_tensor({1, 4, 5, width}, 5), 0, 7), 2, 6));  // no deviation at all
   }
+}
+
+TEST_CASE(
+    "group norm with a residual and an activation is their composition, and its kernels keep their bound") {
+  const Shape shape{2, 4, 5, 700};  // planes of more than one piece
+  for (const ops::UnaryKind kind :
+       {ops::UnaryKind::kRelu, ops::UnaryKind::kLeakyRelu, ops::UnaryKind::kSigmoid})
+    for (const bool residual : {false, true}) {
+      const auto activation =
+          std::make_shared<ops::UnaryOp>(kind, kind == ops::UnaryKind::kLeakyRelu ? 0.1 : 0);
+      std::vector<Tensor> inputs{random_tensor(shape, 1), random_tensor({4}, 2), random_tensor({4}, 3)};
+      if (residual) inputs.push_back(random_tensor(shape, 4));
+      const Call call(inputs, [&](const std::vector<Value>& v) {
+        return v[0].graph().add(
+            std::make_shared<ops::GroupNormOp>(2, 1e-5, ops::GroupNormFusion{residual, activation}), v);
+      });
+      inputs.resize(3);
+      const std::vector<double> plain = values(Call(inputs, [](const std::vector<Value>& v) {
+                                                 return ops::group_norm(v[0], 2, v[1], v[2], 1e-5);
+                                               }).reference());
+      const std::vector<double> y = values(call.reference());
+      const std::vector<double> added = residual ? values(call.inputs[3]) : std::vector<double>(y.size());
+      for (std::size_t i = 0; i < y.size(); ++i) REQUIRE(y[i] == activation->evaluate(plain[i] + added[i]));
+      test::judge(call);
+    }
 }
 
 TEST_CASE("standardised weights have mean 0 and biased variance 1, filter by filter") {
