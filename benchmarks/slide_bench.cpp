@@ -162,6 +162,7 @@ class Bench {
             {"planned_bytes", plan.memory_bytes()},
             {"arena_bytes", plan.arena_bytes},
             {"weight_bytes", plan.weight_bytes},
+            {"calibrated", weights_->calibration() != nullptr},
             {"threads", thread_count()},
             {"isa", name_of(plan.isa)},
             {"version", version()}};
@@ -330,7 +331,8 @@ int run(CLI::App& app, int argc, char** argv) {
   Arguments a;
   app.add_option("NETWORK", a.network, "a model of the catalogue, or layering")->required();
   app.add_option("--size", a.size, "HEIGHTxWIDTH of the input; default: that of --inputs");
-  app.add_option("--weights", a.weights, "weight file (safetensors), or formula")->capture_default_str();
+  app.add_option("--weights", a.weights, "weight file (safetensors; its calibration is used), or formula")
+      ->capture_default_str();
   app.add_option("--inputs", a.inputs, "tensors input.NAME (safetensors); default: made-up ones");
   app.add_option("--reference", a.reference,
                  "tensors output.N in float64 to compare with; made by the float64 executor if missing");

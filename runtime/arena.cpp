@@ -1,6 +1,7 @@
 #include "runtime/arena.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <numeric>
 
@@ -21,13 +22,8 @@ bool alive_together(const ArenaBlock& a, const ArenaBlock& b) {
   return a.first <= b.last && b.first <= a.last;
 }
 
-}  // namespace
-
-ArenaLayout place(std::span<const ArenaBlock> blocks) {
-  std::vector<std::size_t> order(blocks.size());
-  std::iota(order.begin(), order.end(), std::size_t{0});
-  std::stable_sort(order.begin(), order.end(),
-                   [&](std::size_t a, std::size_t b) { return blocks[a].bytes > blocks[b].bytes; });
+/// Blocks in an order, each at the lowest offset that is free during its life.
+ArenaLayout place_in_order(std::span<const ArenaBlock> blocks, std::span<const std::size_t> order) {
   ArenaLayout layout;
   layout.offsets.assign(blocks.size(), 0);
   std::vector<std::size_t> placed;  // indices, sorted by offset
@@ -49,6 +45,30 @@ ArenaLayout place(std::span<const ArenaBlock> blocks) {
         i);
   }
   return layout;
+}
+
+}  // namespace
+
+ArenaLayout place(std::span<const ArenaBlock> blocks) {
+  const auto life = [&](std::size_t i) { return static_cast<double>(blocks[i].last - blocks[i].first + 1); };
+  const auto size = [&](std::size_t i) { return static_cast<double>(blocks[i].bytes); };
+  const std::size_t bound = lower_bound(blocks);
+  ArenaLayout best;
+  for (int attempt = 0; attempt < 4; ++attempt) {
+    std::vector<double> rank(blocks.size());
+    std::vector<std::size_t> order(blocks.size());
+    for (std::size_t i = 0; i < blocks.size(); ++i) {
+      double factor = attempt == 0 ? 1 : life(i);
+      for (int root = 1; root < attempt; ++root) factor = std::sqrt(factor);
+      rank[i] = size(i) * factor;
+    }
+    std::iota(order.begin(), order.end(), std::size_t{0});
+    std::ranges::stable_sort(order, [&](std::size_t a, std::size_t b) { return rank[a] > rank[b]; });
+    ArenaLayout layout = place_in_order(blocks, order);
+    if (attempt == 0 || layout.bytes < best.bytes) best = std::move(layout);
+    if (best.bytes <= bound) break;
+  }
+  return best;
 }
 
 std::size_t lower_bound(std::span<const ArenaBlock> blocks) {

@@ -19,9 +19,11 @@ struct ArenaLayout {
   std::size_t bytes = 0;             ///< size of the allocation
 };
 
-/// Places blocks so that those needed at the same step never overlap: largest first, each at the lowest
-/// offset that is free during its life ("greedy by size": Pisarchyk and Lee, "Efficient Memory Management for
-/// Deep Neural Net Inference", 2020, algorithm 2). Throws Error(kOutOfMemory) if the sum of sizes overflows.
+/// Places blocks so that those needed at the same step never overlap: one after the other, each at the lowest
+/// offset that is free during its life, largest first ("greedy by size": Pisarchyk and Lee, "Efficient Memory
+/// Management for Deep Neural Net Inference", 2020, algorithm 2). Where that leaves gaps, also in the order
+/// of size times the life's length or roots of it; the smallest result is taken. Throws Error(kOutOfMemory)
+/// if the sum of sizes overflows.
 [[nodiscard]] ArenaLayout place(std::span<const ArenaBlock> blocks);
 
 /// The largest sum of sizes needed at any one step: no layout can be smaller.

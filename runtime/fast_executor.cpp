@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <chrono>
-#include <map>
 
 #include "runtime/error.h"
 #include "runtime/lifetime.h"
@@ -13,48 +12,8 @@ namespace {
 
 std::string mebibytes(std::size_t bytes) { return std::to_string((bytes + (1U << 20) - 1) >> 20) + " MiB"; }
 
-/// By node the last node that folds or packs it, -1 for none.
-std::vector<int> last_constant_uses(const Graph& graph, const Plan& plan) {
-  std::vector<int> last(graph.nodes().size(), -1);
-  for (std::size_t i = 0; i < graph.nodes().size(); ++i)
-    if (plan.constant[i])
-      for (const int j : graph.nodes()[i].inputs) last[static_cast<std::size_t>(j)] = static_cast<int>(i);
-  for (const PlanStep& step : plan.steps) {
-    if (!step.packed_once) continue;
-    const Node& node = graph.node(step.node);
-    for (std::size_t k = 0; k < node.inputs.size(); ++k)
-      if (int& use = last[static_cast<std::size_t>(node.inputs[k])]; step.kernel->packs(k))
-        use = std::max(use, step.node);
-  }
-  return last;
-}
-
 const Calibration* calibration_of(const WeightSource& weights, const FastOptions& options) {
   return options.calibration != nullptr ? options.calibration : weights.calibration();
-}
-
-/// The value of a constant node: a weight as stored, else F64.
-Tensor constant_value(const Node& node, int index, const std::map<int, Tensor>& parameters,
-                      const std::map<int, Tensor>& folded) {
-  if (node.kind == NodeKind::kParameter) return parameters.at(index);
-  if (node.kind == NodeKind::kConstant) return node.constant;
-  std::vector<Tensor> arguments;
-  for (const int j : node.inputs) arguments.push_back(folded.at(j).to(DType::kF64));
-  Tensor result(DType::kF64, node.shape);
-  node.op->reference(arguments, result);
-  return result;
-}
-
-Tensor packed_inputs(const Graph& graph, const PlanStep& step, const std::map<int, Tensor>& constants) {
-  if (step.packed_bytes == 0) return {};
-  const Node& node = graph.node(step.node);
-  const std::vector<Shape> shapes = input_shapes(graph, node);
-  Tensor packed(DType::kU8, {static_cast<std::int64_t>(step.packed_bytes)});
-  std::vector<Tensor> inputs(node.inputs.size());
-  for (std::size_t k = 0; k < inputs.size(); ++k)
-    if (step.kernel->packs(k)) inputs[k] = constants.at(node.inputs[k]).to(DType::kF32);
-  step.kernel->pack(*node.op, inputs, shapes, packed.mutable_raw());
-  return packed;
 }
 
 }  // namespace
@@ -73,39 +32,17 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                     " of results, " + mebibytes(plan_.weight_bytes) +
                     " of weights), more than the limit of " + mebibytes(options.memory_limit),
                 "allow more memory or use a smaller size");
-  fold_constants(weights);
+  arena_ = Tensor(DType::kU8, {static_cast<std::int64_t>(plan_.arena_bytes)});
+  constants_ = load_constants(graph, plan_, weights, arena_.mutable_raw());
+  values_ = std::move(constants_.values);
   ranges_.resize(plan_.steps.size());
   if (const Calibration* calibration = calibration_of(weights, options))
     for (std::size_t s = 0; s < plan_.steps.size(); ++s)
       if (const LayerCalibration* layer = calibration->find(graph, plan_.steps[s].node))
         ranges_[s] = layer->range;
-  arena_ = Tensor(DType::kU8, {static_cast<std::int64_t>(plan_.arena_bytes)});
   for (const PlanStep& step : plan_.steps)
     values_[static_cast<std::size_t>(step.node)] =
         Tensor::view(DType::kF32, graph_.node(step.node).shape, arena_.mutable_raw().data() + step.offset);
-}
-
-void FastExecutor::fold_constants(const WeightSource& weights) {
-  const std::map<int, Tensor> parameters = bind(graph_, weights);
-  const std::vector<int> last = last_constant_uses(graph_, plan_);
-  values_.assign(graph_.nodes().size(), {});
-  packed_.assign(plan_.steps.size(), {});
-  std::map<int, Tensor> folded;  // results that later folds or packing read, F64; parameters are as stored
-  std::size_t step = 0;
-  for (int i = 0; i < static_cast<int>(graph_.nodes().size()); ++i) {
-    const std::size_t index = static_cast<std::size_t>(i);
-    const Node& node = graph_.nodes()[index];
-    if (plan_.constant[index]) {
-      Tensor result = constant_value(node, i, parameters, folded);
-      if (plan_.needed[index]) values_[index] = result.to(DType::kF32);
-      if (last[index] > i) folded.emplace(i, std::move(result));
-    } else if (step < plan_.steps.size() && plan_.steps[step].node == i) {
-      if (plan_.steps[step].packed_once) packed_[step] = packed_inputs(graph_, plan_.steps[step], folded);
-      ++step;
-    }
-    for (const int j : node.inputs)
-      if (last[static_cast<std::size_t>(j)] == i) folded.erase(j);
-  }
 }
 
 void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
@@ -143,7 +80,7 @@ void FastExecutor::run_step(std::size_t s, std::span<const Tensor> inputs, std::
   const Op& op = *graph_.node(step.node).op;
   const std::span<std::byte> scratch = arena_.mutable_raw().subspan(step.scratch_offset, step.scratch_bytes);
   if (step.packed_once)
-    return step.kernel->run(op, inputs, result, {shapes, packed_[s].raw(), scratch, ranges_[s]});
+    return step.kernel->run(op, inputs, result, {shapes, constants_.packed[s], scratch, ranges_[s]});
   const std::span<std::byte> packed = scratch.first(step.packed_bytes);
   step.kernel->pack(op, inputs, shapes, packed);
   step.kernel->run(op, inputs, result, {shapes, packed, scratch.subspan(step.packed_bytes), ranges_[s]});

@@ -7,6 +7,7 @@
 #include <string_view>
 #include <vector>
 
+#include "runtime/constants.h"
 #include "runtime/graph.h"
 #include "runtime/plan.h"
 #include "runtime/run.h"
@@ -47,7 +48,6 @@ class FastExecutor {
   [[nodiscard]] const Plan& plan() const noexcept { return plan_; }
 
  private:
-  void fold_constants(const WeightSource& weights);
   void run_step(std::size_t step, std::span<const Tensor> inputs, std::span<const Shape> shapes,
                 Tensor& result);
 
@@ -55,8 +55,8 @@ class FastExecutor {
   Plan plan_;
   bool keep_all_;
   Tensor arena_;
+  PlanConstants constants_;                   // but for its values, which go to values_
   std::vector<Tensor> values_;                // by node: constants, inputs, results as views of the arena
-  std::vector<Tensor> packed_;                // by step: what its kernel packed before the first run
   std::vector<std::optional<Range>> ranges_;  // by step: of its first input
 };
 

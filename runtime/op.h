@@ -29,7 +29,7 @@ struct KernelCall {
   std::optional<Range> range;  ///< of the first input, from calibration; kernels without one measure it
 };
 
-/// One fast implementation of an operator. Tensors are float32, row-major, and never alias.
+/// One fast implementation of an operator. Tensors are float32, row-major, apart but for SharesStorage's.
 class Kernel {
  public:
   virtual ~Kernel() = default;
@@ -100,6 +100,9 @@ class Op {
   /// The definition, in float64: inputs and output are F64 tensors of the inferred shape. May run in
   /// parallel, but every output element is computed in one fixed order.
   virtual void reference(std::span<const Tensor> inputs, Tensor& output) const = 0;
+  /// Whether row r of the result, along the first axis, depends on no other rows of those inputs that have as
+  /// many axes and rows, so that reference() may be given some rows of them and of the result.
+  [[nodiscard]] virtual bool by_rows() const { return false; }
   /// For each output element the positive number that rounding errors are measured against (F64, shape of the
   /// output): |w| ∗ |x| + |b| for a convolution, |y| for a pointwise function. The default is |y|.
   virtual void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const;

@@ -9,16 +9,13 @@
 #include "runtime/error.h"
 #include "runtime/error_model.h"
 #include "runtime/lifetime.h"
+#include "runtime/storage.h"
 
 namespace slide {
 namespace {
 
 std::size_t float_bytes(const Shape& shape) {
   return static_cast<std::size_t>(shape.count()) * sizeof(float);
-}
-
-std::size_t aligned(std::size_t bytes) {
-  return (bytes + Tensor::kAlignment - 1) / Tensor::kAlignment * Tensor::kAlignment;
 }
 
 bool usable(const Kernel& kernel, const Node& node, std::span<const Shape> inputs, Isa isa) {
@@ -189,10 +186,10 @@ bool packs_constants(const Plan& plan, const Node& node, const Kernel& kernel) {
 PlanStep plan_step(const Graph& graph, const Plan& plan, int i, const Kernel& kernel) {
   const Node& node = graph.node(i);
   const std::vector<Shape> inputs = input_shapes(graph, node);
-  const std::size_t packed = aligned(kernel.packed_bytes(*node.op, inputs, node.shape));
+  const std::size_t packed = Tensor::aligned(kernel.packed_bytes(*node.op, inputs, node.shape));
   const bool once = packs_constants(plan, node, kernel);
   const std::size_t scratch = kernel.scratch_bytes(*node.op, inputs, node.shape);
-  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once, 0};
+  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once, 0, false};
 }
 
 /// What a step reads at each run.
@@ -212,6 +209,43 @@ std::size_t weight_bytes(const Graph& graph, const Plan& plan) {
   return bytes;
 }
 
+/// Gives the steps' results and scratch memory their places in the arena.
+void place_steps(const Graph& graph, const Storage& storage, Plan& plan) {
+  std::vector<ArenaBlock> blocks;  // of all scratch memory, then of results
+  for (const PlanStep& step : plan.steps) blocks.push_back({step.scratch_bytes, step.node, step.node});
+  std::vector<std::size_t> block_of(storage.places.size());
+  for (const PlanStep& step : plan.steps) {
+    const auto i = static_cast<std::size_t>(step.node);
+    if (storage.places[i].block != step.node) continue;
+    block_of[i] = blocks.size();
+    blocks.push_back({float_bytes(graph.node(step.node).shape), storage.first[i], storage.last[i]});
+  }
+  const ArenaLayout layout = place(blocks);
+  plan.arena_bytes = layout.bytes;
+  plan.arena_lower_bound = lower_bound(blocks);
+  for (std::size_t s = 0; s < plan.steps.size(); ++s) {
+    PlanStep& step = plan.steps[s];
+    const Place& at = storage.places[static_cast<std::size_t>(step.node)];
+    step.scratch_offset = layout.offsets[s];
+    step.offset = layout.offsets[block_of[static_cast<std::size_t>(at.block)]] + at.offset;
+    step.in_place = in_place(graph, storage, step.node);
+  }
+}
+
+/// With shared storage, unless gaps between blocks of other sizes make that larger.
+void place_steps(const Graph& graph, bool keep_all, Plan& plan) {
+  const std::vector<int> last = last_uses(graph);
+  const int total = static_cast<int>(graph.nodes().size());
+  std::vector<StoredNode> stored;
+  for (const PlanStep& step : plan.steps)
+    stored.push_back(
+        {step.node, keep_all ? total : last[static_cast<std::size_t>(step.node)], step.scratch_bytes});
+  Plan copying = plan;
+  place_steps(graph, share_storage(graph, stored, false), copying);
+  place_steps(graph, share_storage(graph, stored), plan);
+  if (plan.arena_bytes > copying.arena_bytes) plan = std::move(copying);
+}
+
 }  // namespace
 
 bool runs_at(Isa kernel, Isa isa) noexcept {
@@ -227,11 +261,9 @@ Plan make_plan(const Graph& graph, const PlanOptions& options) {
   const std::vector<double> shares = error_shares(graph, plan.constant);
   const Kernels kernels = options.error_budget > 0 ? kernels_within(graph, plan, options, shares)
                                                    : kernels_of(graph, plan, options);
-  const std::vector<int> last = last_uses(graph);
   const int total = static_cast<int>(graph.nodes().size());
   plan.needed.assign(static_cast<std::size_t>(total), false);
   for (const auto& output : graph.outputs()) plan.needed[static_cast<std::size_t>(output.second)] = true;
-  std::vector<ArenaBlock> blocks;  // result and scratch of each step, alternating
   double square = 0;
   for (int i = 0; i < total; ++i) {
     const std::size_t index = static_cast<std::size_t>(i);
@@ -241,18 +273,10 @@ Plan make_plan(const Graph& graph, const PlanOptions& options) {
     error = error_at_output(graph, i, *kernels[index], shares[index], options);
     square += error * error;
     mark_needed(graph, plan.steps.back(), plan);
-    blocks.push_back({float_bytes(graph.node(i).shape), i, options.keep_all ? total : last[index]});
-    blocks.push_back({plan.steps.back().scratch_bytes, i, i});
   }
   plan.predicted_error = std::sqrt(square);
   plan.weight_bytes = weight_bytes(graph, plan);
-  const ArenaLayout layout = place(blocks);
-  plan.arena_bytes = layout.bytes;
-  plan.arena_lower_bound = lower_bound(blocks);
-  for (std::size_t s = 0; s < plan.steps.size(); ++s) {
-    plan.steps[s].offset = layout.offsets[2 * s];
-    plan.steps[s].scratch_offset = layout.offsets[2 * s + 1];
-  }
+  place_steps(graph, options.keep_all, plan);
   return plan;
 }
 

@@ -19,6 +19,7 @@ struct PlanStep {
   std::size_t packed_bytes;  ///< of the kernel's packed inputs, a multiple of 64
   bool packed_once;          ///< they are constant, packed before the first run; else in scratch, at each run
   double predicted_error;    ///< what the kernel adds to the error of the output (runtime/error_model.h)
+  bool in_place;             ///< its inputs lie where the result has them: nothing is done (SharesStorage)
 };
 
 /// How a graph will be run: which nodes are constant and folded, which kernel computes each of the others,

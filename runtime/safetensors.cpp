@@ -128,7 +128,9 @@ std::optional<std::size_t> first_not_finite(DType type, std::span<const std::byt
 
 SafetensorsFile SafetensorsFile::open(const std::string& path) {
   const auto mapping = std::make_shared<const Mapping>(path);
-  return from_memory(mapping->bytes(), path, mapping);
+  SafetensorsFile file = from_memory(mapping->bytes(), path, mapping);
+  file.mapped_ = true;
+  return file;
 }
 
 SafetensorsFile SafetensorsFile::from_memory(std::span<const std::byte> bytes, std::string description,
@@ -203,6 +205,15 @@ Tensor SafetensorsFile::tensor(std::string_view name) const {
   Tensor copy(info.dtype, info.shape);
   std::ranges::copy(bytes, copy.mutable_raw().begin());
   return copy;
+}
+
+void SafetensorsFile::release(std::string_view name) const {
+  const std::span<const std::byte> bytes = raw(find(name));
+  if (!mapped_ || bytes.empty()) return;
+  const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+  const std::uintptr_t begin = reinterpret_cast<std::uintptr_t>(bytes.data()) / page * page;
+  const std::uintptr_t end = reinterpret_cast<std::uintptr_t>(bytes.data()) + bytes.size();
+  (void)::madvise(reinterpret_cast<void*>(begin), end - begin, MADV_DONTNEED);
 }
 
 bool SafetensorsFile::has_checksums() const noexcept {

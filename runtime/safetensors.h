@@ -71,6 +71,11 @@ class SafetensorsFile {
   /// other writers' files may be, a copy. Throws Error(kBadWeights) if there is no tensor of that name.
   [[nodiscard]] Tensor tensor(std::string_view name) const;
 
+  /// Gives the memory of a tensor's data back to the system, if the file was mapped by open(): the pages that
+  /// hold any of it are read again when they are next touched. Throws Error(kBadWeights) if there is no
+  /// tensor of that name.
+  void release(std::string_view name) const;
+
   /// True if the metadata holds a checksum for every tensor.
   [[nodiscard]] bool has_checksums() const noexcept;
   /// Reads all data and compares the checksums, if the file has them; throws Error(kBadWeights) naming the
@@ -90,6 +95,7 @@ class SafetensorsFile {
   std::span<const std::byte> data_;
   std::uint64_t data_start_ = 0;  // in the file
   std::shared_ptr<const void> owner_;
+  bool mapped_ = false;
   Metadata metadata_;
   std::vector<TensorInfo> tensors_;
   std::vector<std::uint64_t> begins_;  // within the data, one for each tensor
@@ -106,6 +112,7 @@ class SafetensorsWeights : public WeightSource {
   [[nodiscard]] const SafetensorsFile& file() const noexcept { return file_; }
   [[nodiscard]] std::string description() const override { return file_.description(); }
   [[nodiscard]] std::optional<Tensor> find(std::string_view name, const Shape& wanted) const override;
+  void release(std::string_view name) const override { file_.release(name); }
   [[nodiscard]] std::vector<std::string> names() const override { return file_.names(); }
   [[nodiscard]] const Calibration* calibration() const override { return calibration_.get(); }
 

@@ -73,7 +73,7 @@ float to_float_round_odd(double value) {
 }  // namespace
 
 Tensor::Tensor(DType type, const Shape& shape) : type_(type), shape_(shape), writable_(true) {
-  const std::size_t size = (std::max<std::size_t>(bytes(), 1) + kAlignment - 1) / kAlignment * kAlignment;
+  const std::size_t size = aligned(std::max<std::size_t>(bytes(), 1));
   void* memory = std::aligned_alloc(kAlignment, size);
   if (memory == nullptr)
     throw Error(ErrorKind::kOutOfMemory,

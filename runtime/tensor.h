@@ -16,6 +16,10 @@ namespace slide {
 class Tensor {
  public:
   static constexpr std::size_t kAlignment = 64;
+  /// A number of bytes rounded up to a multiple of kAlignment.
+  [[nodiscard]] static constexpr std::size_t aligned(std::size_t bytes) noexcept {
+    return (bytes + kAlignment - 1) / kAlignment * kAlignment;
+  }
 
   /// An empty handle: no storage.
   Tensor() = default;

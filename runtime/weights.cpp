@@ -66,21 +66,27 @@ WeightFit fit(const Graph& graph, const WeightSource& weights) {
   return result;
 }
 
-std::map<int, Tensor> bind(const Graph& graph, const WeightSource& weights) {
+void require_fit(const Graph& graph, const WeightSource& weights) {
   const WeightFit result = fit(graph, weights);
   if (!result.usable())
     throw Error(ErrorKind::kBadWeights, result.message(weights.description()),
                 "slide_convert --list FILE shows what a file holds");
+}
+
+Tensor parameter(const Node& node, const WeightSource& weights) {
+  std::optional<Tensor> found = weights.find(node.name, node.shape);
+  if (!found || found->shape() != node.shape)
+    throw Error(ErrorKind::kBadWeights,
+                weights.description() + ": " + node.name + " changed while it was read");
+  return std::move(*found);
+}
+
+std::map<int, Tensor> bind(const Graph& graph, const WeightSource& weights) {
+  require_fit(graph, weights);
   std::map<int, Tensor> tensors;
-  for (std::size_t i = 0; i < graph.nodes().size(); ++i) {
-    const Node& node = graph.nodes()[i];
-    if (node.kind != NodeKind::kParameter) continue;
-    std::optional<Tensor> found = weights.find(node.name, node.shape);
-    if (!found || found->shape() != node.shape)
-      throw Error(ErrorKind::kBadWeights,
-                  weights.description() + ": " + node.name + " changed while it was read");
-    tensors.emplace(static_cast<int>(i), std::move(*found));
-  }
+  for (std::size_t i = 0; i < graph.nodes().size(); ++i)
+    if (graph.nodes()[i].kind == NodeKind::kParameter)
+      tensors.emplace(static_cast<int>(i), parameter(graph.nodes()[i], weights));
   return tensors;
 }
 

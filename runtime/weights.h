@@ -22,6 +22,9 @@ class WeightSource {
   /// The tensor of that name (any floating dtype), or nothing. The graph's shape is passed for sources that
   /// make tensors up; a source that has the tensor returns it as it is.
   [[nodiscard]] virtual std::optional<Tensor> find(std::string_view name, const Shape& wanted) const = 0;
+  /// Says that the tensor's values will not be read soon. A source that can fetch them again gives their
+  /// memory back to the system; tensors that find() returned stay valid.
+  virtual void release(std::string_view /*name*/) const {}
   /// The names it holds, in its own order; empty for sources that make tensors up.
   [[nodiscard]] virtual std::vector<std::string> names() const = 0;
   /// What calibration found for these weights (runtime/calibration.h); null if they were not calibrated.
@@ -60,8 +63,14 @@ struct WeightFit {
 /// inference needs, are not reported as unexpected.
 [[nodiscard]] WeightFit fit(const Graph& graph, const WeightSource& weights);
 
-/// The values of all parameters, by node index, in the source's dtype. Throws Error(kBadWeights) with
-/// WeightFit::message() unless the fit is usable.
+/// Throws Error(kBadWeights) with WeightFit::message() unless the fit is usable.
+void require_fit(const Graph& graph, const WeightSource& weights);
+
+/// The value of a parameter node, in the source's dtype. Throws Error(kBadWeights) if the source does not
+/// have it in that shape.
+[[nodiscard]] Tensor parameter(const Node& node, const WeightSource& weights);
+
+/// The values of all parameters, by node index, after require_fit().
 [[nodiscard]] std::map<int, Tensor> bind(const Graph& graph, const WeightSource& weights);
 
 }  // namespace slide

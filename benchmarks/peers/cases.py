@@ -41,7 +41,7 @@ INPUTS = {
 CASES = [
     Case('midas_v21_384x384', 'midas_v21', 'MidasV21', (384, 384), quick=True, quantise=True),
     Case('midas_v21_small_256x256', 'midas_v21_small', 'MidasV21Small', (256, 256), quick=True, quantise=True),
-    Case('midas_v21_small_256x384', 'midas_v21_small', 'MidasV21Small', (256, 384)),
+    Case('midas_v21_small_256x384', 'midas_v21_small', 'MidasV21Small', (256, 384), quantise=True),
     Case('inpaint_coarse_w24_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 24, quick=True, quantise=True),
     Case('inpaint_coarse_w48_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 48, quick=True, quantise=True),
     Case('inpaint_coarse_w24_672x1008', 'inpaint_coarse', 'InpaintCoarse', (672, 1008), 24, quantise=True),

@@ -10,6 +10,7 @@
 #include <atomic>
 #include <cmath>
 
+#include "ops/conv2d/winograd_filters.h"
 #include "ops/conv2d/winograd_matrices.h"
 #include "ops/conv2d/winograd_tiles.h"
 #include "ops/simd/dispatch.h"
@@ -17,9 +18,10 @@
 
 namespace slide::ops {
 
-#define SLIDE_DECLARE(level, enumerator)           \
-  namespace level {                                \
-  extern const WinogradRoutines winograd_routines; \
+#define SLIDE_DECLARE(level, enumerator)               \
+  namespace level {                                    \
+  extern const WinogradRoutines winograd_routines;     \
+  extern const WinogradFilters winograd_filters_of[3]; \
   }
 SLIDE_EACH_ISA(SLIDE_DECLARE)
 #undef SLIDE_DECLARE
@@ -33,14 +35,24 @@ const WinogradRoutines& winograd_routines(Isa isa) {
   return *all[std::size(all) - 1];
 }
 
+WinogradFilters winograd_filters_at(Isa isa, int pairs) {
+  const WinogradFilters* found = nullptr;
+#define SLIDE_FIND(level, enumerator) \
+  if (isa == (enumerator)) found = level::winograd_filters_of;
+  SLIDE_EACH_ISA(SLIDE_FIND)
+#undef SLIDE_FIND
+  return (found != nullptr ? found : baseline::winograd_filters_of)[pairs - 1];
+}
+
 namespace {
 
-constexpr std::int64_t kTaskTiles = 64;      // enough products for each weight that streams by
-constexpr std::int64_t kTaskRows = 64;       // with kTaskTiles, 36 frequencies take 432 KiB
-constexpr std::int64_t kMinTaskRows = 12;    // fewer read the transformed tiles too often
-constexpr std::int64_t kFewTasks = 16;       // with fewer in a shared strip, tasks have fewer rows
-constexpr std::int64_t kFewStrips = 8;       // with fewer, threads share them
-constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed input
+constexpr std::int64_t kPackedChannels = 16;  // transformed together: their taps in the first-level cache
+constexpr std::int64_t kTaskTiles = 64;       // enough products for each weight that streams by
+constexpr std::int64_t kTaskRows = 64;        // with kTaskTiles, 36 frequencies take 432 KiB
+constexpr std::int64_t kMinTaskRows = 12;     // fewer read the transformed tiles too often
+constexpr std::int64_t kFewTasks = 16;        // with fewer in a shared strip, tasks have fewer rows
+constexpr std::int64_t kFewStrips = 8;        // with fewer, threads share them
+constexpr std::int64_t kOwnBytes = 1 << 19;   // of a thread's own transformed input
 constexpr std::int64_t kNearBytes =
     24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
@@ -75,6 +87,18 @@ std::int64_t block_depth_for(std::int64_t channels) {
   std::int64_t block = 8;
   while (block * block * 2 < channels) block *= 2;
   return std::min(block, channels);
+}
+
+WinogradFilterMatrix filter_matrix(int tile) {
+  const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile));
+  WinogradFilterMatrix g{tile / 2, matrices.g[0][0], {}, {}, {}};
+  for (int k = 0; k < g.pairs; ++k) {
+    const std::vector<double>& row = matrices.g[static_cast<std::size_t>(2 * k + 1)];
+    g.one[k] = row[0];
+    g.first[k] = row[1];
+    g.square[k] = row[2];
+  }
+  return g;
 }
 
 /// Sizes of what an input transform needs, in floats.
@@ -199,26 +223,28 @@ std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
 /// U as [frequency][part of the channels][panel][channel][row], zeros below the last filter.
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = winograd_.rows;
-  const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile_));
+  const WinogradFilterMatrix g = filter_matrix(tile_);
+  const WinogradFilters transform = winograd_filters_at(routines_.isa, tile_ / 2);
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
-    const auto count = static_cast<std::size_t>(rows);
-    std::vector<double> taps(9 * count);
-    std::vector<double> u(static_cast<std::size_t>(frequencies_) * count);
-    const std::int64_t inside = std::min(rows, g_.oc - panel * rows);
-    for (std::int64_t c = 0; c < g_.ic; ++c) {
+    std::vector<double> taps(static_cast<std::size_t>(9 * kPackedChannels * rows));
+    for (std::int64_t c = 0; c < g_.ic;) {
       const std::int64_t part = c / part_depth_ * part_depth_;
       const std::int64_t depth = std::min(part_depth_, g_.ic - part);
+      const std::int64_t channels = std::min(kPackedChannels, part + depth - c);
+      const std::int64_t count = channels * rows;
+      for (std::int64_t m = 0; m < rows; ++m) {
+        const bool inside = panel * rows + m < g_.oc;
+        const std::int64_t filter = inside ? filter_of_row(g_, gated_, 0, panel * rows + m) : 0;
+        const float* from = weight + (filter * g_.ic + c) * 9;
+        for (std::int64_t n = 0; n < channels; ++n)
+          for (std::int64_t tap = 0; tap < 9; ++tap)
+            taps[static_cast<std::size_t>(tap * count + n * rows + m)] =
+                inside ? static_cast<double>(from[n * 9 + tap]) : 0.0;
+      }
       float* first = to + (part * panels_ + panel * depth + c - part) * rows;
-      for (std::int64_t m = 0; m < inside; ++m)
-        for (std::int64_t tap = 0; tap < 9; ++tap)
-          taps[static_cast<std::size_t>(tap * rows + m)] = static_cast<double>(
-              weight[(filter_of_row(g_, gated_, 0, panel * rows + m) * g_.ic + c) * 9 + tap]);
-      winograd_filters(matrices, taps.data(), count, u.data());
-      for (std::int64_t f = 0; f < frequencies_; ++f)
-        for (std::int64_t m = 0; m < rows; ++m)
-          first[f * g_.ic * panels_ * rows + m] =
-              static_cast<float>(u[static_cast<std::size_t>(f * rows + m)]);
+      transform(g, taps.data(), count, first, g_.ic * panels_ * rows);
+      c += channels;
     }
   });
 }

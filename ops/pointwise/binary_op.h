@@ -18,6 +18,7 @@ class BinaryOp : public Op {
   [[nodiscard]] std::string_view type() const override;
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] bool by_rows() const override { return true; }
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
   /// Products and quotients have the relative errors of both operands.
   [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;

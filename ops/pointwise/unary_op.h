@@ -35,6 +35,7 @@ class UnaryOp : public Op {
   [[nodiscard]] std::string attributes() const override;
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] bool by_rows() const override { return true; }
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 

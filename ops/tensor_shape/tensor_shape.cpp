@@ -13,9 +13,10 @@
 namespace slide::ops {
 namespace {
 
+/// What is in its place already (SharesStorage) stays.
 template <typename T>
 void copy(const T* from, T* to, std::int64_t count) {
-  std::memcpy(to, from, static_cast<std::size_t>(count) * sizeof(T));
+  if (from != to) std::memcpy(to, from, static_cast<std::size_t>(count) * sizeof(T));
 }
 
 template <typename T>
@@ -140,6 +141,12 @@ Shape ConcatOp::infer(std::span<const Shape> inputs) const {
   }
   return inputs[0].with(axis_, extent);
 }
+std::optional<std::int64_t> ConcatOp::storage_offset(std::size_t index, std::span<const Shape> inputs) const {
+  if (axis_view(inputs[0], axis_).outer != 1) return std::nullopt;
+  std::int64_t offset = 0;
+  for (std::size_t k = 0; k < index; ++k) offset += inputs[k].count();
+  return offset;
+}
 void ConcatOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   compute<double>(*this, inputs, output);
 }
@@ -155,6 +162,12 @@ Shape SliceOp::infer(std::span<const Shape> inputs) const {
           "cannot take elements " + std::to_string(start_) + " to " + std::to_string(end_) + " of axis " +
               std::to_string(axis) + " of " + inputs[0].text());
   return inputs[0].with(axis, end_ - start_);
+}
+std::optional<std::int64_t> SliceOp::storage_offset(std::size_t /*index*/,
+                                                    std::span<const Shape> inputs) const {
+  const AxisView in = axis_view(inputs[0], axis_ < 0 ? axis_ + inputs[0].rank() : axis_);
+  if (in.outer != 1) return std::nullopt;
+  return -start_ * in.inner;
 }
 void SliceOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   compute<double>(*this, inputs, output);
@@ -190,6 +203,10 @@ Shape ReshapeOp::infer(std::span<const Shape> inputs) const {
   require_input_count("reshape", inputs, 1, 1);
   require(inputs[0].count() == shape_.count(), "cannot reshape " + inputs[0].text() + " to " + shape_.text());
   return shape_;
+}
+std::optional<std::int64_t> ReshapeOp::storage_offset(std::size_t /*index*/,
+                                                      std::span<const Shape> /*inputs*/) const {
+  return 0;
 }
 void ReshapeOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   compute<double>(*this, inputs, output);

@@ -5,11 +5,12 @@
 
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/op.h"
+#include "runtime/storage.h"
 
 namespace slide::ops {
 
 /// concat() along an axis >= 0.
-class ConcatOp : public Op {
+class ConcatOp : public Op, public SharesStorage {
  public:
   explicit ConcatOp(int axis) : axis_(axis) {}
   [[nodiscard]] int axis() const noexcept { return axis_; }
@@ -18,6 +19,8 @@ class ConcatOp : public Op {
   [[nodiscard]] std::string attributes() const override { return "axis " + std::to_string(axis_); }
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] std::optional<std::int64_t> storage_offset(std::size_t index,
+                                                           std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -25,7 +28,7 @@ class ConcatOp : public Op {
 };
 
 /// slice() of an axis.
-class SliceOp : public Op {
+class SliceOp : public Op, public SharesStorage {
  public:
   SliceOp(int axis, std::int64_t start, std::int64_t end) : axis_(axis), start_(start), end_(end) {}
   /// May be negative: from the end.
@@ -37,6 +40,8 @@ class SliceOp : public Op {
   [[nodiscard]] std::string attributes() const override;
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] std::optional<std::int64_t> storage_offset(std::size_t index,
+                                                           std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -67,7 +72,7 @@ class PadOp : public Op {
 };
 
 /// reshape() to a fixed shape.
-class ReshapeOp : public Op {
+class ReshapeOp : public Op, public SharesStorage {
  public:
   explicit ReshapeOp(const Shape& shape) : shape_(shape) {}
 
@@ -75,6 +80,8 @@ class ReshapeOp : public Op {
   [[nodiscard]] std::string attributes() const override { return "to " + shape_.text(); }
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] std::optional<std::int64_t> storage_offset(std::size_t index,
+                                                           std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

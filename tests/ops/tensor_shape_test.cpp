@@ -1,6 +1,9 @@
 #include "ops/tensor_shape/tensor_shape.h"
 
 #include "judge.h"
+#include "ops/pointwise/pointwise.h"
+#include "runtime/fast_executor.h"
+#include "runtime/reference_executor.h"
 
 using namespace slide;
 using test::Call;
@@ -73,4 +76,111 @@ TEST_CASE("shapes that do not fit are refused with both shapes") {
           (void)ops::pad(a, {-1, 0, 0, 0}, ops::PadMode::kEdge);
         }).find("-1") != std::string::npos);
   CHECK(test::refusal([&] { (void)ops::reshape(a, {5, 5}); }).find("1x2x3x4 to 5x5") != std::string::npos);
+}
+
+namespace {
+
+const PlanStep& step_of(const Plan& plan, const Graph& g, std::string_view name) {
+  for (const PlanStep& step : plan.steps)
+    if (step.node == g.find(name)) return step;
+  throw Error(ErrorKind::kInternal, "no step");
+}
+
+void check_against_reference(const Graph& g, const Shape& shape, double tolerance) {
+  const NamedTensors inputs = {{"x", random_tensor(shape, 5).to(DType::kF32)}};
+  FastExecutor fast(g, WeightMap());
+  ReferenceExecutor reference(g, WeightMap());
+  reference.run(inputs);
+  for (int round = 0; round < 2; ++round) {
+    fast.run(inputs);
+    for (const auto& [name, node] : g.outputs())
+      CHECK(max_abs_difference(fast.tensor(node), reference.tensor(node)) <= tolerance);
+  }
+}
+
+}  // namespace
+
+TEST_CASE("what is joined is computed where the result has it, and read there by others too") {
+  Graph g;
+  const Shape shape{1, 2, 8, 16};
+  const Value x = g.input("x", shape);
+  g.tap("a", ops::relu(x));
+  const Value a(g, *g.find("a"));
+  const Value b = ops::affine(a, 2, 1);
+  g.tap("b", b);
+  const Value inner = ops::concat({b, a}, 1);
+  g.tap("inner", inner);
+  const Value outer = ops::concat({ops::affine(b, 3, 0), inner}, 1);
+  g.tap("outer", outer);
+  g.output("y", ops::affine(outer, 1, 1));
+  g.output("z", ops::affine(ops::add(a, b), 1, 0.5));
+  const Plan plan = make_plan(g, Isa::kBaseline);
+  const std::size_t bytes = 2 * 8 * 16 * sizeof(float);
+  const std::size_t start = step_of(plan, g, "outer").offset;
+  CHECK(step_of(plan, g, "inner").offset == start + bytes);
+  CHECK(step_of(plan, g, "b").offset == start + bytes);
+  CHECK(step_of(plan, g, "a").offset == start + 2 * bytes);
+  CHECK(step_of(plan, g, "inner").in_place);
+  CHECK(step_of(plan, g, "outer").in_place);
+  CHECK_FALSE(step_of(plan, g, "b").in_place);
+  check_against_reference(g, shape, 1e-5);
+}
+
+TEST_CASE("a tensor has one place: other joins, and joins of inputs, copy") {
+  Graph g;
+  const Shape shape{1, 2, 8, 16};
+  const Value x = g.input("x", shape);
+  const Value a = ops::relu(x);
+  const Value twice = ops::concat({a, a}, 1);
+  g.tap("twice", twice);
+  const Value again = ops::concat({a, x}, 1);
+  g.tap("again", again);
+  const Value along_rows = ops::concat({ops::affine(x, 1, 2), ops::affine(x, 1, 3)}, 2);
+  g.tap("along_rows", along_rows);
+  g.output("y", ops::affine(twice, 1, 1));
+  g.output("z", ops::affine(again, 1, 1));
+  g.output("r", along_rows);
+  const Plan plan = make_plan(g, Isa::kBaseline);
+  CHECK_FALSE(step_of(plan, g, "twice").in_place);
+  CHECK_FALSE(step_of(plan, g, "again").in_place);
+  CHECK_FALSE(step_of(plan, g, "along_rows").in_place);
+  check_against_reference(g, shape, 1e-6);
+}
+
+TEST_CASE("parts and reshapes of what is computed are where they are; misaligned ones are copied") {
+  Graph g;
+  const Shape shape{1, 4, 4, 4};
+  const Value x = g.input("x", shape);
+  const Value a = ops::affine(x, 2, 1);
+  g.tap("a", a);
+  const Value part = ops::slice(a, 1, 1, 3);
+  g.tap("part", part);
+  const Value flat = ops::reshape(part, {1, 2, 1, 16});
+  g.tap("flat", flat);
+  const Value odd = ops::slice(ops::reshape(a, {64}), 0, 3, 9);
+  g.tap("odd", odd);
+  g.output("y", ops::affine(flat, 1, 1));
+  g.output("z", ops::affine(odd, 1, 1));
+  const Plan plan = make_plan(g, Isa::kBaseline);
+  CHECK(step_of(plan, g, "part").offset == step_of(plan, g, "a").offset + 64);
+  CHECK(step_of(plan, g, "flat").offset == step_of(plan, g, "a").offset + 64);
+  CHECK(step_of(plan, g, "part").in_place);
+  CHECK(step_of(plan, g, "flat").in_place);
+  CHECK_FALSE(step_of(plan, g, "odd").in_place);
+  check_against_reference(g, shape, 1e-6);
+}
+
+TEST_CASE("a join that would keep memory too long is copied: sharing never makes a plan larger") {
+  Graph g;
+  const Shape shape{1, 1, 64, 64};
+  const Value x = g.input("x", shape);
+  const Value early = ops::relu(x);
+  Value deep = ops::concat({x, x, x, x}, 1);
+  deep = ops::affine(deep, 1, 1);
+  deep = ops::slice(ops::affine(deep, 1, 2), 1, 0, 3);
+  const Value late = ops::affine(deep, 1, 3);
+  g.output("y", ops::concat({early, late}, 1));
+  const Plan plan = make_plan(g, Isa::kBaseline);
+  CHECK(plan.arena_bytes <= (1 + 4 + 4) * 64 * 64 * sizeof(float));
+  check_against_reference(g, shape, 1e-5);
 }

@@ -41,3 +41,9 @@ TEST_CASE("a chain of equal tensors needs two places") {
   CHECK(place(blocks).bytes == 1280);
   CHECK(lower_bound(blocks) == 1280);
 }
+
+TEST_CASE("where the order by size leaves gaps, another order is taken") {
+  const std::vector<ArenaBlock> blocks = {{256, 3, 3}, {192, 1, 1}, {256, 2, 3}, {192, 0, 2}};
+  CHECK(lower_bound(blocks) == 512);
+  CHECK(place(blocks).bytes == 512);  // 704 by size
+}

@@ -100,3 +100,26 @@ TEST_CASE("the profile names kernels and counts bytes") {
   CHECK(profile[0].kernel == "sum.plain.baseline");
   CHECK(profile[0].bytes == 48);
 }
+
+TEST_CASE("large weights are folded in float64 and rounded once, some rows at a time") {
+  const Shape shape{301, 100};  // four slabs, the last one smaller
+  Graph g;
+  const Value w = g.parameter("w", shape);
+  const Value v = g.parameter("v", shape);
+  g.output("y", sum(g.input("x", shape), sum(sum(w, v), w)));
+  Tensor big(DType::kF32, shape);
+  Tensor small(DType::kF64, shape);
+  for (std::size_t i = 0; i < static_cast<std::size_t>(shape.count()); ++i) {
+    big.mutable_data<float>()[i] = static_cast<float>(i + 1);
+    small.mutable_data<double>()[i] = static_cast<double>(i + 1) * 0x1p-25;
+  }
+  WeightMap map;
+  map.set("w", big);
+  map.set("v", small);
+  FastExecutor fast(g, map);
+  fast.run({{"x", Tensor::zeros(DType::kF32, shape)}});
+  const Tensor result = fast.tensor("y");
+  const std::span<const float> y = result.data<float>();
+  for (std::size_t i = 0; i < y.size(); ++i)
+    REQUIRE(y[i] == static_cast<float>(static_cast<double>(i + 1) * (2 + 0x1p-25)));
+}

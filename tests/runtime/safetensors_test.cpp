@@ -4,6 +4,7 @@
 
 #include <cmath>
 #include <cstring>
+#include <fstream>
 #include <limits>
 #include <string>
 #include <utility>
@@ -128,6 +129,28 @@ TEST_CASE("a tensor of a file outlives the file") {
   const Tensor kept = SafetensorsFile::open(folder.file("w")).tensor("conv.weight");
   std::filesystem::remove(folder.file("w"));
   CHECK(same(kept, tensors[4].second));
+}
+
+TEST_CASE("a released tensor gives its memory back and can be read again") {
+  const auto resident_kib = [] {  // pages of files in memory
+    std::ifstream status("/proc/self/status");
+    for (std::string line; std::getline(status, line);)
+      if (line.starts_with("RssFile:")) return std::stol(line.substr(8));
+    return 0L;
+  };
+  const TemporaryFolder folder;
+  const Tensor large = Tensor::zeros(DType::kF32, {1 << 20});
+  const Tensor small = Tensor::from<float>({1}, std::vector<float>{7});
+  write_safetensors(folder.file("w"), {{"large", large}, {"small", small}});
+  const SafetensorsWeights weights(folder.file("w"));
+  const Tensor kept = *weights.find("large", {1 << 20});
+  CHECK(same(kept, large));
+  const long before = resident_kib();
+  weights.release("large");
+  if (before > 0) CHECK(resident_kib() <= before - 3800);
+  CHECK(same(kept, large));
+  CHECK(same(*weights.find("small", {1}), small));
+  CHECK_THROWS_AS(weights.release("none"), Error);
 }
 
 TEST_CASE("the writer takes tensors in pieces and refuses too much, too little and impossible names") {

@@ -41,6 +41,7 @@ class SumOp : public Op {
     for (std::size_t i = 0; i < y.size(); ++i)
       y[i] = inputs[0].data<double>()[i] + inputs[1].data<double>()[i];
   }
+  bool by_rows() const override { return true; }
   std::span<const Kernel* const> kernels() const override {
     static const SumKernel kernel;
     static const std::array<const Kernel*, 1> all{&kernel};
