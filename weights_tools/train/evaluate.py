@@ -3,10 +3,10 @@
 
   evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--alphamatting FOLDER] [--sheet OUT.png]
   evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--views VIEWS] [--sheet OUT.png]
-  evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--sheet OUT.png]
+  evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--u2netp FOLDER] [--sheet OUT.png]
 
 VIEWS holds rectified stereo scenes (left.png, right.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
-GTnn_alpha.png. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
+GTnn_alpha.png; --u2netp photos beside the maps that U2-NetP's authors published of them. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
 """
 import argparse
 import glob
@@ -276,8 +276,22 @@ def matte(a):
             flat.append((np.abs(m.mean() - m).mean(), gradient_error(m * 0, m)))
         e, g, i = np.nanmean(rows, 0)
         print(f'{name}: error {e:.4f}, gradient error {g:.4f}, IoU {i:.3f}; a constant: {np.mean(flat, 0)[0]:.4f}, {np.mean(flat, 0)[1]:.4f}', flush=True)
+    if a.u2netp:
+        print(f'U2-NetP\'s published maps: {beside_published(net, a.u2netp)}', flush=True)
     if a.sheet:
         sheet(a, lambda image: predict(net, image, 'cpu'), False)
+
+
+def beside_published(net, folder):
+    """How far our maps are from those that U2-NetP's authors published (NAME.* and NAME_u2netp.png); neither is the truth."""
+    rows = []
+    for path in sorted(glob.glob(folder + '/*_u2netp.png')):
+        photo, = [f for f in glob.glob(path[:-len('_u2netp.png')] + '.*')]
+        image, theirs = cv2.imread(photo)[..., ::-1].copy(), cv2.imread(path)[..., 0] / 255
+        y = predict(net, image, 'cpu')
+        theirs = cv2.resize(theirs, y.shape[::-1])
+        rows.append((np.abs(y - theirs).mean(), ((y > .5) & (theirs > .5)).sum() / max(1, ((y > .5) | (theirs > .5)).sum())))
+    return f'{len(rows)} photos, difference {np.mean(rows, 0)[0]:.4f}, IoU {np.mean(rows, 0)[1]:.3f}, over 0.8 in {sum(i > .8 for _, i in rows)}'
 
 
 def sheet(a, estimate, stretch, count=24, side=200):
@@ -300,6 +314,7 @@ if __name__ == '__main__':
     p.add_argument('--weights', required=True)
     p.add_argument('--views')
     p.add_argument('--alphamatting')
+    p.add_argument('--u2netp')
     p.add_argument('--sheet')
     arguments = p.parse_args()
     torch.set_num_threads(1)
