@@ -148,11 +148,12 @@ Value guided_coefficients(Value guide, Value x, std::int64_t radius, double eps)
 
 Value guided_upsample(Value x, Value small_guide, Value guide, std::int64_t radius, double eps) {
   const std::int64_t planes = guide.shape()[1];
-  const Value coefficients = resize_bilinear(guided_coefficients(small_guide, x, radius, eps),
-                                             guide.shape()[2], guide.shape()[3], false);
-  const Value products = mul(slice(coefficients, 1, 0, planes), guide);
-  Value sum = slice(coefficients, 1, planes, planes + 1);
-  for (std::int64_t c = 0; c < planes; ++c) sum = add(sum, slice(products, 1, c, c + 1));
+  const Value coefficients = guided_coefficients(small_guide, x, radius, eps);
+  const auto enlarged = [&](std::int64_t c) {  // one plane at a time: little memory
+    return resize_bilinear(slice(coefficients, 1, c, c + 1), guide.shape()[2], guide.shape()[3], false);
+  };
+  Value sum = enlarged(planes);
+  for (std::int64_t c = 0; c < planes; ++c) sum = add(sum, mul(enlarged(c), slice(guide, 1, c, c + 1)));
   return sum;
 }
 

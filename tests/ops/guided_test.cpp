@@ -102,6 +102,13 @@ TEST_CASE("enlarged four times, a soft edge becomes as sharp as the guide's, whe
     if (j != 32) CHECK(std::fabs(row[j] - row[j - 1]) < 0.1F);
 }
 
+TEST_CASE("upsampling agrees with numpy to float32") {
+  const SafetensorsFile golden = SafetensorsFile::open(SLIDE_TEST_DATA "/ops/guided.safetensors");
+  const auto tensor = [&](const char* what) { return golden.tensor(std::string("upsampled.") + what); };
+  const Tensor y = upsampled(tensor("x"), tensor("small"), tensor("guide"), 2, 1e-2);
+  CHECK(max_abs_difference(y, tensor("y")) <= 1e-6);
+}
+
 TEST_CASE("kernels stay in their bound on many rows, several pictures and ill-conditioned guides") {
   const Tensor x = test::random_tensor({2, 1, 70, 45}, 5);
   CHECK(test::check_kernels(coefficients(test::random_tensor({2, 3, 70, 45}, 6), x, 4, 1e-3)) > 0);
