@@ -3,12 +3,14 @@
 #include <algorithm>
 #include <atomic>
 #include <cstring>
+#include <limits>
 
 #include "runtime/threads.h"
 
 namespace slide::ops {
 namespace {
 
+constexpr std::int64_t kWideRow = 64;  // long enough to be summed by itself
 constexpr std::int64_t kChunk = 2048;  // sums in flight: they stay in the first-level cache
 
 std::int64_t aligned(std::int64_t count) {
@@ -67,16 +69,18 @@ double Conv2dDepthwise::macs() const noexcept {
 }
 
 void Conv2dDepthwise::pad_plane(const float* x, float* padded) const {
-  const auto fill = routines_.fill_row[static_cast<std::size_t>(Precision::kFp32)];
-  for (std::int64_t row = 0; row < plane_rows_ * g_.stride_y; ++row) {
-    const std::int64_t i = row - g_.top;
-    const bool inside = i >= 0 && i < g_.height;
-    const WordRow source{{inside ? x + i * g_.width : nullptr}, 0, 1, relu_input_};
-    for (std::int64_t phase = 0; phase < g_.stride_x; ++phase) {
-      const std::int64_t plane = row % g_.stride_y * g_.stride_x + phase;
-      fill(source, inside ? g_.width : 0, phase - g_.left, g_.stride_x, 0.0F,
-           padded + (plane * plane_rows_ + row / g_.stride_y) * plane_width_, plane_width_);
-    }
+  const auto fill = routines_.fill_rows[static_cast<std::size_t>(Precision::kFp32)];
+  const float least = relu_input_ ? 0.0F : -std::numeric_limits<float>::infinity();
+  for (std::int64_t phase = 0; phase < g_.stride_y * g_.stride_x; ++phase) {
+    const std::int64_t start = phase / g_.stride_x - g_.top;
+    const TapRange inside = tap_range(start, g_.stride_y, g_.height, plane_rows_);
+    float* y = padded + phase * plane_rows_ * plane_width_;
+    std::fill_n(y, inside.first * plane_width_, 0.0F);
+    std::fill(y + inside.last * plane_width_, y + plane_rows_ * plane_width_, 0.0F);
+    fill({x + (start + inside.first * g_.stride_y) * g_.width, 0, 1, 0, 1, least},
+         {inside.last - inside.first, g_.stride_y * g_.width, plane_width_, g_.width,
+          phase % g_.stride_x - g_.left, g_.stride_x, plane_width_, 0.0F},
+         y + inside.first * plane_width_);
   }
 }
 
@@ -86,15 +90,20 @@ void Conv2dDepthwise::run_filter(std::int64_t plane, std::int64_t filter, const 
       static_cast<const float*>(static_cast<const void*>(arrays.packed)) + filter * g_.depth();
   const float bias = arrays.bias != nullptr ? arrays.bias[filter] : 0.0F;
   const std::int64_t at = (plane / g_.ic * g_.oc + filter) * g_.oplane();
+  DepthwiseRow row{padded, offsets_.data(), weight, g_.depth(), bias, epilogue_.low(), epilogue_.high()};
+  if (g_.owidth >= kWideRow && epilogue_.empty(arrays.residual)) {  // nothing comes after the sums
+    for (std::int64_t i = 0; i < g_.oheight; ++i, row.x += plane_width_)
+      routines_.depthwise_row(row, arrays.y + at + i * g_.owidth, g_.owidth);
+    return;
+  }
   for (std::int64_t first = 0; first < g_.oheight; first += chunk_rows_) {
     const std::int64_t rows = std::min(chunk_rows_, g_.oheight - first);
-    routines_.depthwise_row({padded + first * plane_width_, offsets_.data(), weight, g_.depth(), bias,
-                             epilogue_.low(), epilogue_.high()},
-                            sums, (rows - 1) * plane_width_ + g_.owidth);
+    row.x = padded + first * plane_width_;
+    routines_.depthwise_row(row, sums, (rows - 1) * plane_width_ + g_.owidth);
     for (std::int64_t i = 0; i < rows; ++i) {
-      const std::int64_t row = at + (first + i) * g_.owidth;
-      epilogue_.finish(sums + i * plane_width_, arrays.residual != nullptr ? arrays.residual + row : nullptr,
-                       arrays.y + row, g_.owidth);
+      const std::int64_t to = at + (first + i) * g_.owidth;
+      epilogue_.finish(sums + i * plane_width_, arrays.residual != nullptr ? arrays.residual + to : nullptr,
+                       arrays.y + to, g_.owidth);
     }
   }
 }

@@ -2,34 +2,36 @@
 
 #include <algorithm>
 #include <atomic>
-#include <bit>
 #include <cmath>
-#include <cstring>
 #include <limits>
 
-#include "ops/conv2d/conv2d_op.h"
 #include "ops/conv2d/conv2d_winograd.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
 namespace {
 
-constexpr std::int64_t kMinBlockDepth = 160;
-constexpr std::int64_t kInt8BlockDepth =
-    160;                                  // words of all positions of a tile: most of the first-level cache
-constexpr std::int64_t kTileColumns = 2;  // panels of positions in a task: the weights are read once for them
-constexpr std::int64_t kFewTasks = 16;    // with fewer, output channels are split, too
-constexpr std::int64_t kMinTaskPanels = 4;
-constexpr double kUsefulPositions = 0.85;
+constexpr std::int64_t kTaskPositions = 96;    // gathered: the weights are read once for them
+constexpr std::int64_t kGatheredDepth = 96;    // words of kTaskPositions: most of the first-level cache
+constexpr std::int64_t kStreamedDepth = 160;   // at most, where a sum in order has that many roundings
+constexpr std::int64_t kFewPanels = 2;         // gathering costs as much as half of one
+constexpr std::int64_t kLocalWords = 3 << 15;  // planes of a task: part of the second-level cache
+constexpr std::int64_t kStripPositions = 4096;
+constexpr std::int64_t kFewTasks = 8;  // with fewer, output channels are split, too
+constexpr std::int64_t kMinTaskPanels = 8;
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 std::int64_t aligned(std::int64_t count) { return divide_up(count, kRowAlignment) * kRowAlignment; }
 
-/// Blocks of about the root of the depth make the fewest roundings; all are equally deep.
-std::int64_t block_depth_for(std::int64_t depth, Precision precision) {
+/// `whole` in equal parts of at most `most`.
+std::int64_t equal_part(std::int64_t whole, std::int64_t most) {
+  return divide_up(whole, divide_up(whole, std::max<std::int64_t>(1, most)));
+}
+
+/// Blocks of about the root of the depth make the fewest roundings.
+std::int64_t gathered_depth(std::int64_t depth) {
   const auto root = static_cast<std::int64_t>(std::sqrt(static_cast<double>(depth)));
-  const std::int64_t most = precision == Precision::kInt8 ? kInt8BlockDepth : std::max(kMinBlockDepth, root);
-  return divide_up(depth, divide_up(depth, most));
+  return equal_part(depth, std::max(kGatheredDepth, root));
 }
 
 std::int64_t lanes_of(Precision precision) {
@@ -41,13 +43,6 @@ std::int64_t lanes_of(Precision precision) {
     default:
       return 1;
   }
-}
-
-/// The nearest bfloat16, ties to even; NaN stays NaN.
-std::uint32_t bf16_bits(float x) {
-  const auto bits = std::bit_cast<std::uint32_t>(x);
-  if (x != x) return bits >> 16U | 0x40U;
-  return (bits + 0x7FFFU + (bits >> 16U & 1U)) >> 16U;
 }
 
 bool upsamples_3x3(const Conv2dGeometry& g) {
@@ -62,9 +57,17 @@ bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
          g.group_ic * g.stride_y * g.stride_x < kLargest / padded;
 }
 
-/// Taps 2×2 of one parity stand for these rows (or columns) of the 3×3.
-bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {
-  return parity == 0 ? (tap == 0) == (u == 0) : (tap == 1) == (u == 2);
+/// A residual is added to the sums in registers unless something comes between.
+Conv2dFusion after_the_sums(Conv2dFusion fusion) {
+  const bool between = fusion.gate || fusion.upsample_input || (fusion.residual_last && fusion.activation);
+  fusion.residual = fusion.residual && between;
+  return fusion;
+}
+
+/// Whether x can stand for its planes: no padding, one tap.
+bool reads_inside(const Conv2dGeometry& g) {
+  return g.kheight == 1 && g.kwidth == 1 && g.top == 0 && g.left == 0 &&
+         (g.oheight - 1) * g.stride_y < g.height && (g.owidth - 1) * g.stride_x < g.width;
 }
 
 }  // namespace
@@ -73,14 +76,12 @@ struct Conv2dDirect::Task {
   std::int64_t image, group;
   int variant;
   std::int64_t first_panel, last_panel;  // of weights
-  std::int64_t first, count;             // positions
+  std::int64_t first_row;                // of the strip
+  std::int64_t first, count;             // positions in the strip
 };
 
 bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  if (!possible(g, fusion)) return false;
-  if (fusion.upsample_input || reads_once(g)) return true;
-  const std::int64_t width = g.owidth + (g.kwidth - 1) * g.dilation_x / g.stride_x;
-  return static_cast<double>(g.owidth) >= kUsefulPositions * static_cast<double>(width);
+  return possible(g, fusion);
 }
 
 bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
@@ -99,9 +100,8 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       gated_(fusion.gate),
       upsampled_(fusion.upsample_input),
       relu_input_(fusion.relu_input),
-      in_place_(precision == Precision::kFp32 && !upsampled_ && !relu_input_ && reads_once(g_)),
-      epilogue_(fusion, routines.isa, true),
-      residual_(fusion.residual),
+      least_(relu_input_ ? 0.0F : -std::numeric_limits<float>::infinity()),
+      epilogue_(after_the_sums(fusion), routines.isa, true),
       in_height_(upsampled_ ? g_.height / 2 : g_.height),
       in_width_(upsampled_ ? g_.width / 2 : g_.width),
       rows_out_(upsampled_ ? in_height_ : g_.oheight),
@@ -110,34 +110,68 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       lanes_(lanes_of(precision)),
       group_words_(divide_up(g_.group_ic, lanes_)),
       depth_(group_words_ * taps_),
-      block_depth_(block_depth_for(depth_, precision)),
+      block_depth_(gathered_depth(depth_)),
       panels_(divide_up(g_.group_oc, routines.rows)),
-      task_panels_(panels_),
-      row_tasks_(1),
-      variants_(upsampled_ ? 4 : 1) {
-  const std::int64_t reach_y = upsampled_ ? 2 : (g_.kheight - 1) * g_.dilation_y / g_.stride_y;
-  const std::int64_t reach_x = upsampled_ ? 2 : (g_.kwidth - 1) * g_.dilation_x / g_.stride_x;
-  plane_width_ = columns_out_ + reach_x;
-  plane_size_ = (rows_out_ + reach_y) * plane_width_;
-  const std::int64_t positions = (rows_out_ - 1) * plane_width_ + columns_out_;
-  task_columns_ = std::min(kTileColumns, divide_up(positions, routines.columns)) * routines.columns;
-  tiles_ = divide_up(positions, task_columns_);
-  const std::int64_t tasks = g_.batch * g_.groups * variants_ * tiles_;
-  if (tasks > 0 && tasks < kFewTasks) {
-    task_panels_ = std::clamp(panels_ * tasks / kFewTasks, std::min(kMinTaskPanels, panels_), panels_);
-    row_tasks_ = divide_up(panels_, task_panels_);
-  }
+      variants_(upsampled_ ? 4 : 1),
+      in_place_(!upsampled_ && reads_inside(g_)),
+      reach_y_(upsampled_ ? 2 : (g_.kheight - 1) * g_.dilation_y / g_.stride_y),
+      plane_width_(columns_out_ + (upsampled_ ? 2 : (g_.kwidth - 1) * g_.dilation_x / g_.stride_x)) {
+  const bool full_vectors = panels_ == 1 ? aligned(columns_out_) <= columns_out_ * 2
+                                         : aligned(columns_out_) * 4 <= columns_out_ * 5;
+  const bool as_it_is =
+      precision == Precision::kFp32 && !relu_input_ && reads_once(g_) && columns_out_ % kRowAlignment == 0;
+  streaming_ = panels_ <= kFewPanels && !upsampled_ && (in_place_ ? as_it_is : full_vectors);
+  choose_tasks();
+  list_offsets();
+}
+
+void Conv2dDirect::choose_tasks() {
+  const std::int64_t groups = g_.batch * g_.groups;
   const std::int64_t phases = g_.stride_y * g_.stride_x;
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t tile = std::max<std::int64_t>(1, kTaskPositions / columns) * columns;
+  strip_rows_ = std::clamp(kStripPositions / plane_width_, std::min(4 * reach_y_ + 1, rows_out_), rows_out_);
+  if (groups < kFewTasks)
+    strip_rows_ = std::clamp(rows_out_ * groups / kFewTasks,
+                             std::min(strip_rows_, divide_up(tile, columns_out_)), strip_rows_);
+  strip_rows_ = equal_part(rows_out_, strip_rows_);
+  const std::int64_t word_size = phases * (strip_rows_ + reach_y_) * plane_width_;
+  const bool small =
+      group_words_ * word_size <= kLocalWords && groups * divide_up(rows_out_, strip_rows_) >= kFewTasks;
+  local_ = !in_place_ && (streaming_ || (small && !upsampled_));
+  if (!local_) strip_rows_ = rows_out_;
+  if (streaming_ && local_)
+    block_depth_ =
+        taps_ * equal_part(group_words_, std::min(kLocalWords / word_size, kStreamedDepth / taps_));
+  strips_ = divide_up(rows_out_, strip_rows_);
+  // Neighbouring planes begin an odd number of cache lines apart: they fall into different sets.
+  plane_size_ = aligned((strip_rows_ + reach_y_) * plane_width_);
+  if (plane_size_ / kRowAlignment % 2 == 0) plane_size_ += kRowAlignment;
+
+  const std::int64_t positions = strip_rows_ * columns_out_;
+  task_positions_ = std::min((streaming_ ? 8 : 1) * tile, divide_up(positions, columns) * columns);
+  tiles_ = local_ ? 1 : divide_up(positions, task_positions_);
+  task_panels_ = panels_;
+  const std::int64_t tasks = groups * variants_ * strips_ * tiles_;
+  if (!local_ && tasks > 0 && tasks < kFewTasks)
+    task_panels_ = std::clamp(panels_ * tasks / kFewTasks, std::min(kMinTaskPanels, panels_), panels_);
+  row_tasks_ = divide_up(panels_, task_panels_);
+}
+
+void Conv2dDirect::list_offsets() {
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  phase_is_read_.assign(static_cast<std::size_t>(phases), 0);
   for (int variant = 0; variant < variants_; ++variant)
     for (std::int64_t k = 0; k < depth_; ++k) {
       const std::int64_t tap = k % taps_;
       const std::int64_t y = upsampled_ ? variant / 2 + tap / 2 : tap / g_.kwidth * g_.dilation_y;
       const std::int64_t x = upsampled_ ? variant % 2 + tap % 2 : tap % g_.kwidth * g_.dilation_x;
-      const std::int64_t plane = k / taps_ * phases + y % g_.stride_y * g_.stride_x + x % g_.stride_x;
-      offsets_.push_back(
-          static_cast<std::int32_t>(plane * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x));
+      const std::int64_t phase = y % g_.stride_y * g_.stride_x + x % g_.stride_x;
+      phase_is_read_[static_cast<std::size_t>(phase)] = 1;
+      const std::int64_t in_planes =
+          (k / taps_ * phases + phase) * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x;
+      offsets_.push_back(static_cast<std::int32_t>(in_place_ ? k * lanes_ * g_.plane() : in_planes));
     }
-  offsets_.insert(offsets_.end(), kWordsAhead, offsets_.back());
 }
 
 double Conv2dDirect::error_factor() const noexcept {
@@ -154,147 +188,39 @@ double Conv2dDirect::macs() const noexcept {
   return static_cast<double>(g_.batch * g_.oc * g_.oplane()) * static_cast<double>(g_.group_ic * taps_);
 }
 
-/// Packed: the panels of all groups and variants; for integers then the step and the sum of each row.
-std::size_t Conv2dDirect::packed_bytes() const noexcept {
-  const std::int64_t rows = variants_ * g_.groups * panels_ * routines_.rows;
-  return static_cast<std::size_t>(rows * (depth_ + (precision_ == Precision::kInt8 ? 2 : 0))) * sizeof(float);
-}
-
-double Conv2dDirect::weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
-                               std::int64_t tap) const noexcept {
-  const float* kernel = weight + (filter * g_.group_ic + channel) * g_.kheight * g_.kwidth;
-  if (!upsampled_) return static_cast<double>(kernel[tap]);
-  double sum = 0;
-  for (std::int64_t u = 0; u < 3; ++u)
-    for (std::int64_t v = 0; v < 3; ++v)
-      if (stands_for(variant / 2, tap / 2, u) && stands_for(variant % 2, tap % 2, v))
-        sum += static_cast<double>(kernel[u * 3 + v]);
-  return sum;
-}
-
-float Conv2dDirect::pack_word(const float* weight, std::int64_t filter, std::int64_t k, int variant,
-                              float step) const {
-  const std::int64_t channel = k / taps_ * lanes_;
-  if (precision_ == Precision::kFp32)
-    return static_cast<float>(weight_at(weight, filter, channel, variant, k % taps_));
-  std::uint32_t word = 0;
-  const int bits = precision_ == Precision::kBf16 ? 16 : 8;
-  for (std::int64_t lane = 0; lane < std::min(lanes_, g_.group_ic - channel); ++lane) {
-    const double w = weight_at(weight, filter, channel + lane, variant, k % taps_);
-    const std::uint32_t part = bits == 16 ? bf16_bits(static_cast<float>(w))
-                                          : static_cast<std::uint8_t>(std::lround(
-                                                std::clamp(w / static_cast<double>(step), -127.0, 127.0)));
-    word |= part << static_cast<unsigned>(lane * bits);
-  }
-  return std::bit_cast<float>(word);
-}
-
-void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
-  const std::int64_t rows = routines_.rows;
-  const std::int64_t all_panels = variants_ * g_.groups * panels_;
-  auto* panels = static_cast<float*>(static_cast<void*>(packed));
-  float* steps = panels + all_panels * rows * depth_;
-  float* sums = steps + all_panels * rows;
-  parallel_for(all_panels, [&](std::int64_t panel) {
-    const int variant = static_cast<int>(panel / (g_.groups * panels_));
-    for (std::int64_t m = 0; m < rows; ++m) {
-      const std::int64_t row = panel % panels_ * rows + m;
-      const bool inside = row < g_.group_oc;
-      const std::int64_t filter = inside ? filter_of_row(g_, gated_, panel / panels_ % g_.groups, row) : 0;
-      float step = 1;
-      if (precision_ == Precision::kInt8) {
-        double largest = 0;
-        for (std::int64_t k = 0; inside && k < g_.group_ic * taps_; ++k)
-          largest = std::max(largest, std::fabs(weight_at(weight, filter, k / taps_, variant, k % taps_)));
-        if (largest > 0) step = static_cast<float>(largest / 127);
-        steps[panel * rows + m] = step;
-      }
-      float* to = panels + panel * depth_ * rows + m;
-      if (precision_ == Precision::kFp32 && !upsampled_) {  // as it is: what most load time is spent on
-        for (std::int64_t k = 0; k < depth_; ++k) to[k * rows] = inside ? weight[filter * depth_ + k] : 0.0F;
-        continue;
-      }
-      std::int32_t sum = 0;
-      for (std::int64_t k = 0; k < depth_; ++k) {
-        const float word = inside ? pack_word(weight, filter, k, variant, step) : 0.0F;
-        std::memcpy(to + k * rows, &word, sizeof word);
-        for (unsigned lane = 0; lane < 4; ++lane)
-          sum += static_cast<std::int8_t>(std::bit_cast<std::uint32_t>(word) >> 8 * lane & 0xFFU);
-      }
-      if (precision_ == Precision::kInt8) sums[panel * rows + m] = std::bit_cast<float>(sum);
-    }
-  });
-}
-
 std::int64_t Conv2dDirect::task_count() const noexcept {
-  return g_.batch * g_.groups * variants_ * tiles_ * row_tasks_;
+  return g_.batch * g_.groups * variants_ * strips_ * tiles_ * row_tasks_;
 }
 
-/// Of the planes and what is read behind their end.
-std::int64_t Conv2dDirect::planes_size() const noexcept {
-  if (in_place_) return 0;
-  return g_.batch * g_.groups * group_words_ * g_.stride_y * g_.stride_x * plane_size_ + task_columns_;
+/// The words of a task's planes, and what whole vectors read behind them.
+std::int64_t Conv2dDirect::strip_planes() const noexcept {
+  if (!local_) return 0;
+  const std::int64_t words = streaming_ ? block_depth_ / taps_ : group_words_;
+  return words * g_.stride_y * g_.stride_x * plane_size_ + aligned(routines_.columns);
+}
+
+std::int64_t Conv2dDirect::shared_planes() const noexcept {
+  if (local_ || in_place_) return 0;
+  return g_.batch * g_.groups * group_words_ * g_.stride_y * g_.stride_x * plane_size_ + kRowAlignment;
+}
+
+std::int64_t Conv2dDirect::rows_size() const noexcept {
+  return aligned(variants_ * g_.groups * panels_ * routines_.rows);
+}
+
+/// A task's planes, gathered words, sums.
+std::int64_t Conv2dDirect::thread_size() const noexcept {
+  const std::int64_t rows = task_panels_ * routines_.rows;
+  if (!streaming_) return strip_planes() + (block_depth_ + rows) * task_positions_ + kRowAlignment;
+  const std::int64_t columns = aligned(routines_.columns);
+  const std::int64_t row_columns = divide_up(columns_out_, routines_.columns) * columns;
+  return strip_planes() + rows * (local_ ? strip_rows_ * row_columns : task_positions_);
 }
 
 std::size_t Conv2dDirect::scratch_bytes() const noexcept {
-  const std::int64_t planes = planes_size();
   const std::int64_t threads = std::min<std::int64_t>(thread_count(), task_count());
-  const std::int64_t thread = task_panels_ * routines_.rows * task_columns_;
-  return static_cast<std::size_t>(aligned(planes) + threads * thread) * sizeof(float);
-}
-
-Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) const {
-  if (precision_ != Precision::kInt8) return {};
-  float low = 0;
-  float high = 0;
-  if (arrays.range) {
-    low = std::min(0.0F, arrays.range->low);
-    high = std::max(0.0F, arrays.range->high);
-  } else {
-    const std::int64_t planes = g_.batch * g_.ic;
-    std::vector<Range> ranges(static_cast<std::size_t>(planes));
-    const std::int64_t size = in_height_ * in_width_;
-    parallel_for(planes, [&](std::int64_t p) {
-      Range& r = ranges[static_cast<std::size_t>(p)];
-      routines_.range(arrays.x + p * size, size, &r.low, &r.high);
-    });
-    for (const Range& r : ranges) {
-      low = std::min(low, r.low);
-      high = std::max(high, r.high);
-    }
-  }
-  if (relu_input_) low = 0;
-  Quantiser q;
-  q.step = (high - low) / 255;
-  if (!(q.step > 0)) q.step = 1;
-  q.zero = std::round(-low / q.step);
-  return q;
-}
-
-/// The phases of one word of channels: index = (image, group, word).
-void Conv2dDirect::fill_plane(std::int64_t index, const Conv2dArrays& arrays, const Quantiser& q,
-                              float* planes) const {
-  const std::int64_t word = index % group_words_;
-  const std::int64_t group = index / group_words_ % g_.groups;
-  const std::int64_t image = index / group_words_ / g_.groups;
-  const std::int64_t phases = g_.stride_y * g_.stride_x;
-  float* first = planes + index * phases * plane_size_;
-  const auto zero = static_cast<std::uint32_t>(q.zero);
-  const float outside = precision_ == Precision::kInt8 ? std::bit_cast<float>(zero * 0x01010101U) : 0.0F;
-  const std::int64_t rows = plane_size_ / plane_width_;
-  const std::int64_t channels = std::min(lanes_, g_.group_ic - word * lanes_);
-  const std::int64_t channel = image * g_.ic + group * g_.group_ic + word * lanes_;
-  for (std::int64_t row = 0; row < rows * g_.stride_y; ++row) {
-    const std::int64_t i = row - g_.top;
-    float* target = first + row % g_.stride_y * g_.stride_x * plane_size_ + row / g_.stride_y * plane_width_;
-    WordRow source{{}, q.zero, 1 / q.step, relu_input_};
-    for (std::int64_t c = 0; c < channels; ++c)
-      source.x[c] = arrays.x + ((channel + c) * in_height_ + i) * in_width_;
-    const bool inside = i >= 0 && i < in_height_;
-    for (std::int64_t phase = 0; phase < g_.stride_x; ++phase, target += plane_size_)
-      routines_.fill_row[static_cast<std::size_t>(precision_)](
-          source, inside ? in_width_ : 0, phase - g_.left, g_.stride_x, outside, target, plane_width_);
-  }
+  return static_cast<std::size_t>(3 * rows_size() + shared_planes() + threads * thread_size()) *
+         sizeof(float);
 }
 
 Conv2dDirect::Task Conv2dDirect::task(std::int64_t index) const noexcept {
@@ -303,10 +229,12 @@ Conv2dDirect::Task Conv2dDirect::task(std::int64_t index) const noexcept {
   index /= row_tasks_;
   t.first_panel = run * task_panels_;
   t.last_panel = std::min(t.first_panel + task_panels_, panels_);
-  t.first = index % tiles_ * task_columns_;
-  const std::int64_t positions = (rows_out_ - 1) * plane_width_ + columns_out_;
-  t.count = std::min(task_columns_, positions - t.first);
+  t.first = index % tiles_ * task_positions_;
   index /= tiles_;
+  t.first_row = index % strips_ * strip_rows_;
+  index /= strips_;
+  const std::int64_t positions = std::min(strip_rows_, rows_out_ - t.first_row) * columns_out_;
+  t.count = local_ ? positions : std::min(task_positions_, positions - t.first);
   t.variant = static_cast<int>(index % variants_);
   index /= variants_;
   t.group = index % g_.groups;
@@ -314,94 +242,62 @@ Conv2dDirect::Task Conv2dDirect::task(std::int64_t index) const noexcept {
   return t;
 }
 
-/// Whether positions follow each other in y as they do in the planes and nothing is left to do after the
-/// sums: then the products are written straight to y.
-bool Conv2dDirect::writes_y() const noexcept {
-  return plane_width_ == columns_out_ && !gated_ && !upsampled_ && !residual_ && epilogue_.empty(nullptr);
-}
+/// Whether nothing is left to do after the sums but what the product does: then it writes to y.
+bool Conv2dDirect::writes_y() const noexcept { return !gated_ && !upsampled_ && epilogue_.empty(nullptr); }
 
-/// Words k, ..., of a panel of weights times all positions of the task.
-void Conv2dDirect::run_panel(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
-                             std::int64_t panel, std::int64_t k, const float* b, float* tile) const {
+/// Words k, ... of a panel of weights times positions that fill at most one panel of columns.
+void Conv2dDirect::multiply(const Call& call, const Task& t, std::int64_t panel, std::int64_t k,
+                            std::int64_t first, std::int64_t count, const float* b, float* sums) const {
   const std::int64_t rows = routines_.rows;
-  const std::int64_t columns = routines_.columns;
-  const std::int64_t first_row =
-      ((t.variant * g_.groups + t.group) * panels_ + panel) * rows;  // of all packed
-  const auto* packed = static_cast<const float*>(static_cast<const void*>(arrays.packed));
-  const float* steps = packed + variants_ * g_.groups * panels_ * rows * depth_;
-  const float* sums = steps + variants_ * g_.groups * panels_ * rows;
-  std::array<float, 16> start{};
-  std::array<float, 16> step{};
-  std::array<float, 16> bias{};
-  const std::int64_t row_count = std::min(rows, g_.group_oc - panel * rows);
-  for (std::int64_t m = 0; m < row_count; ++m) {
-    const auto at = static_cast<std::size_t>(m);
-    if (arrays.bias != nullptr) bias[at] = arrays.bias[filter_of_row(g_, gated_, t.group, panel * rows + m)];
-    start[at] = bias[at];
-    if (precision_ != Precision::kInt8) continue;
-    // What the zero point adds to each sum is taken off.
-    start[at] = std::bit_cast<float>(-static_cast<std::int32_t>(q.zero) *
-                                     std::bit_cast<std::int32_t>(sums[first_row + m]));
-    step[at] = steps[first_row + m] * q.step;
-  }
   const std::int64_t depth = std::min(block_depth_, depth_ - k);
-  for (std::int64_t column = 0; column < t.count; column += columns) {
-    float* part = tile + (column * (t.last_panel - t.first_panel) + (panel - t.first_panel) * columns) * rows;
-    const std::int64_t channel = t.image * g_.oc + t.group * g_.group_oc + panel * rows;
-    float* y = writes_y() ? arrays.y + channel * g_.oplane() + t.first + column : part;
-    routines_.multiply_words[static_cast<std::size_t>(precision_)](
-        {packed + first_row * depth_ + k * rows, b + column, offsets_.data() + t.variant * depth_ + k, depth,
-         row_count, std::min(columns, t.count - column), in_place_, k == 0 ? start.data() : nullptr, part,
-         k + depth == depth_, step.data(), bias.data(), epilogue_.low(), epilogue_.high(), y,
-         writes_y() ? g_.oplane() : columns});
-  }
+  const std::int64_t group = t.variant * g_.groups + t.group;
+  const float* values = call.values + (group * panels_ + panel) * rows;
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(call.arrays.packed));
+  const std::int64_t channel = t.image * g_.oc + t.group * g_.group_oc + panel * rows;
+  const std::int64_t at = channel * g_.oplane() + t.first_row * columns_out_ + first;
+  const bool last = k + depth == depth_;
+  const bool to_y = writes_y();
+  const float* residual = to_y && call.arrays.residual != nullptr ? call.arrays.residual + at : nullptr;
+  const std::int32_t* offsets = offsets_.data() + (local_ ? 0 : k);
+  routines_.multiply_words[static_cast<std::size_t>(precision_)](
+      {packed + (group * panels_ * depth_ + panels_ * k + panel * depth) * rows, b,
+       streaming_ ? offsets : nullptr, depth, std::min(rows, g_.group_oc - panel * rows), count,
+       k == 0 ? values : nullptr, sums, last, values + rows_size(), values + 2 * rows_size(), residual,
+       epilogue_.low(), epilogue_.high(), to_y ? call.arrays.y + at : sums,
+       to_y ? g_.oplane() : routines_.columns});
+  if (last && !to_y) write_rows(call, t, panel, first, count, sums);
 }
 
-void Conv2dDirect::run_task(const Task& t, const Conv2dArrays& arrays, const Quantiser& q,
-                            const float* planes, float* tile) const {
-  const std::int64_t phases = g_.stride_y * g_.stride_x;
-  const float* b = planes + (t.image * g_.groups + t.group) * group_words_ * phases * plane_size_ + t.first;
-  for (std::int64_t k = 0; k < depth_; k += block_depth_)
-    for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
-      run_panel(t, arrays, q, panel, k, b, tile);
-  if (!writes_y()) write_tile(t, arrays, tile);
-}
-
-void Conv2dDirect::write_tile(const Task& t, const Conv2dArrays& arrays, float* tile) const {
-  const std::int64_t rows = routines_.rows;
-  const std::int64_t columns = routines_.columns;
-  const std::int64_t first_row = t.first_panel * rows;
-  const std::int64_t last_row = std::min(t.last_panel * rows, g_.group_oc);
-  for (std::int64_t column = 0; column < t.count; column += columns) {
-    const std::int64_t count = std::min(columns, t.count - column);
-    float* panel = tile + column * (t.last_panel - t.first_panel) * rows;
-    for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
-      float* sums = panel + (row - first_row) * columns;
-      if (gated_) routines_.gate(sums, sums + columns, sums, count);
-      write_row(t, arrays, filter_of_row(g_, gated_, t.group, row), sums, t.first + column, count);
-    }
-  }
-}
-
-/// Sums of the positions first, ..., first + count - 1 of one channel; those in the padding are dropped.
-void Conv2dDirect::write_row(const Task& t, const Conv2dArrays& arrays, std::int64_t channel, float* sums,
-                             std::int64_t first, std::int64_t count) const {
+/// What comes after the sums of a panel.
+void Conv2dDirect::write_rows(const Call& call, const Task& t, std::int64_t panel, std::int64_t first,
+                              std::int64_t count, float* sums) const {
+  const std::int64_t first_row = panel * routines_.rows;
+  const std::int64_t last_row = std::min(first_row + routines_.rows, g_.group_oc);
   const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
-  const std::int64_t plane = (t.image * channels + channel) * g_.oplane();
-  for (std::int64_t done = 0; done < count;) {
-    const std::int64_t i = (first + done) / plane_width_;
-    const std::int64_t j = (first + done) % plane_width_;
-    const std::int64_t run = std::min(count - done, plane_width_ - j);
-    const std::int64_t length = std::min(run, columns_out_ - j);
-    float* from = sums + done;
-    done += run;
-    if (length <= 0) continue;
-    if (!upsampled_) {
-      const std::int64_t at = plane + i * g_.owidth + j;
-      epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
-                       length);
+  const Conv2dArrays& arrays = call.arrays;
+  for (std::int64_t row = first_row; row < last_row; row += gated_ ? 2 : 1) {
+    float* from = sums + (row - first_row) * routines_.columns;
+    const std::int64_t plane = (t.image * channels + filter_of_row(g_, gated_, t.group, row)) * g_.oplane();
+    if (gated_) routines_.gate(from, from + routines_.columns, from, count);
+    if (upsampled_) {
+      write_upsampled(call, t, plane, first, count, from);
       continue;
     }
+    const std::int64_t at = plane + t.first_row * columns_out_ + first;
+    epilogue_.finish(from, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at, count);
+  }
+}
+
+/// Sums of one parity of rows and columns.
+void Conv2dDirect::write_upsampled(const Call& call, const Task& t, std::int64_t plane, std::int64_t first,
+                                   std::int64_t count, float* sums) const {
+  const Conv2dArrays& arrays = call.arrays;
+  for (std::int64_t done = 0; done < count;) {
+    const std::int64_t i = (first + done) / columns_out_;
+    const std::int64_t j = (first + done) % columns_out_;
+    const std::int64_t length = std::min(count - done, columns_out_ - j);
+    float* from = sums + done;
+    done += length;
     const std::int64_t at = plane + (2 * i + t.variant / 2) * g_.owidth + 2 * j + t.variant % 2;
     std::array<float, 64> residual;
     for (std::int64_t n = 0; arrays.residual != nullptr && n < length; ++n)
@@ -411,53 +307,113 @@ void Conv2dDirect::write_row(const Task& t, const Conv2dArrays& arrays, std::int
   }
 }
 
+/// Few filters: the planes of a block of the depth are made, then multiplied where they lie.
+void Conv2dDirect::run_streaming(const Call& call, const Task& t, float* memory) const {
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  const std::int64_t first_word = (t.image * g_.groups + t.group) * group_words_;
+  const std::int64_t rows = std::min(strip_rows_, rows_out_ - t.first_row) + reach_y_;
+  const std::int64_t words = local_ ? block_depth_ / taps_ : 0;
+  for (std::int64_t k = 0; k < depth_; k += block_depth_) {
+    for (std::int64_t word = 0; word < std::min(words, group_words_ - k / taps_); ++word)
+      fill_plane(call, first_word + k / taps_ + word, t.first_row, rows,
+                 memory + word * phases * plane_size_);
+    const float* planes = local_ ? memory : call.arrays.x + first_word * g_.plane();
+    float* sums = memory + strip_planes();
+    for (std::int64_t first = t.first, count = 0; first < t.first + t.count; first += count) {
+      const std::int64_t column = first % columns_out_;
+      count = std::min({columns, columns_out_ - column, t.first + t.count - first});
+      const float* b = planes + first / columns_out_ * plane_width_ + column;
+      for (std::int64_t panel = t.first_panel; panel < t.last_panel;
+           ++panel, sums += routines_.rows * columns)
+        multiply(call, t, panel, k, first, count, b, sums);
+    }
+  }
+}
+
+/// The gathered words k, ... of positions that fill at most one panel of columns.
+void Conv2dDirect::gather_panel(const Call& call, const Task& t, std::int64_t first, std::int64_t count,
+                                std::int64_t k, const float* planes, float* b) const {
+  std::array<WordRun, 64> runs;
+  std::int64_t run_count = 0;
+  const std::int64_t row_size = in_place_ ? g_.stride_y * in_width_ : plane_width_;
+  const std::int64_t stride = in_place_ ? g_.stride_x : 1;
+  for (std::int64_t done = 0; done < count;) {
+    const std::int64_t column = (first + done) % columns_out_;
+    const std::int64_t length = std::min(count - done, columns_out_ - column);
+    runs[static_cast<std::size_t>(run_count++)] = {(first + done) / columns_out_ * row_size + column * stride,
+                                                   done, length};
+    done += length;
+  }
+  const std::int64_t depth = std::min(block_depth_, depth_ - k);
+  const std::int32_t* offsets = offsets_.data() + t.variant * depth_ + k;
+  const Quantiser& q = call.quantiser;
+  if (!in_place_) {
+    const WordGather words{{planes, 0, 0, 0, 1, 0}, offsets, runs.data(), run_count, 1};
+    routines_.gather_copies(words, depth, b);
+    return;
+  }
+  const float* x = call.arrays.x + (t.image * g_.ic + t.group * g_.group_ic) * g_.plane();
+  const WordGather words{{x, g_.plane(), g_.group_ic - k * lanes_, q.zero, 1 / q.step, least_},
+                         offsets,
+                         runs.data(),
+                         run_count,
+                         stride};
+  routines_.gather[static_cast<std::size_t>(precision_)](words, depth, b);
+}
+
+/// Many filters: a block of the depth is gathered for some positions, then multiplied by all of them.
+void Conv2dDirect::run_gathered(const Call& call, const Task& t, float* memory) const {
+  const std::int64_t columns = routines_.columns;
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  const std::int64_t first_word = (t.image * g_.groups + t.group) * group_words_;
+  const std::int64_t rows = std::min(strip_rows_, rows_out_ - t.first_row) + reach_y_;
+  for (std::int64_t word = 0; local_ && word < group_words_; ++word)
+    fill_plane(call, first_word + word, t.first_row, rows, memory + word * phases * plane_size_);
+  const float* planes = local_ ? memory : call.planes + first_word * phases * plane_size_;
+  float* const gathered = memory + strip_planes();
+  float* const tile = gathered + block_depth_ * task_positions_ + kRowAlignment;
+  const std::int64_t panel_size = routines_.rows * columns;
+  for (std::int64_t start = t.first; start < t.first + t.count; start += task_positions_) {
+    const std::int64_t count = std::min(task_positions_, t.first + t.count - start);
+    for (std::int64_t k = 0; k < depth_; k += block_depth_) {
+      for (std::int64_t column = 0; column < count; column += columns)
+        gather_panel(call, t, start + column, std::min(columns, count - column), k, planes,
+                     gathered + column * block_depth_);
+      float* sums = tile;
+      for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
+        for (std::int64_t column = 0; column < count; column += columns, sums += panel_size)
+          multiply(call, t, panel, k, start + column, std::min(columns, count - column),
+                   gathered + column * block_depth_, sums);
+    }
+  }
+}
+
 void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
   if (task_count() == 0) return;
   auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
-  const float* planes = arrays.x;
-  const Quantiser q = quantiser(arrays);
-  if (!in_place_) {
-    std::fill_n(memory + planes_size() - task_columns_, task_columns_, 0.0F);
-    parallel_for(g_.batch * g_.groups * group_words_,
-                 [&](std::int64_t word) { fill_plane(word, arrays, q, memory); });
-    planes = memory;
-    memory += aligned(planes_size());
-  }
-  const std::int64_t thread_size = task_panels_ * routines_.rows * task_columns_;
-  const auto rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - aligned(planes_size());
-  const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size);
+  float* const values = memory;
+  float* const planes = memory + 3 * rows_size();
+  const Call call{arrays, quantiser(arrays), values, planes};
+  make_row_values(call, values);
+  const std::int64_t phases = g_.stride_y * g_.stride_x;
+  if (shared_planes() > 0)
+    parallel_for(g_.batch * g_.groups * group_words_, [&](std::int64_t word) {
+      fill_plane(call, word, 0, rows_out_ + reach_y_, planes + word * phases * plane_size_);
+    });
+  float* const tasks = planes + shared_planes();
+  const std::int64_t rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - (tasks - memory);
+  const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size());
   std::atomic<std::int64_t> next{0};
   parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next++; i < task_count(); i = next++)
-      run_task(task(i), arrays, q, planes, memory + slot * thread_size);
+    for (std::int64_t i = next++; i < task_count(); i = next++) {
+      float* own = tasks + slot * thread_size();
+      if (streaming_)
+        run_streaming(call, task(i), own);
+      else
+        run_gathered(call, task(i), own);
+    }
   });
-}
-
-void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
-                                   std::span<double> scale) {
-  std::vector<Tensor> wide;
-  for (const Tensor& t : inputs) {
-    wide.push_back(t.clone());
-    for (double& v : wide.back().mutable_data<double>()) v = std::fabs(v);
-  }
-  std::vector<double> products(scale.size());
-  conv2d_reference(g, wide, products);
-  double low = 0;
-  double high = 0;
-  for (const double v : inputs[0].data<double>()) {
-    low = std::min(low, v);
-    high = std::max(high, v);
-  }
-  for (double& v : wide[0].mutable_data<double>()) v += 1.001 * (high - low) / 255 / 2;
-  const std::span<double> w = wide[1].mutable_data<double>();
-  const auto depth = static_cast<std::size_t>(g.depth());
-  for (std::size_t o = 0; o < w.size(); o += depth) {
-    const double largest = *std::max_element(w.begin() + static_cast<std::ptrdiff_t>(o),
-                                             w.begin() + static_cast<std::ptrdiff_t>(o + depth));
-    for (std::size_t k = o; k < o + depth; ++k) w[k] += 1.001 * largest / 127 / 2;
-  }
-  conv2d_reference(g, wide, scale);
-  for (std::size_t i = 0; i < scale.size(); ++i) scale[i] += 0x1p-22 * scale[i] - products[i] + 0x1p-100;
 }
 
 }  // namespace slide::ops

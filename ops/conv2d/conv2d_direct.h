@@ -12,11 +12,16 @@
 
 namespace slide::ops {
 
-/// A convolution as a product of matrices whose right side is never made. The input is copied once into
-/// padded planes, split by the stride (rows and columns 0, s, 2s, ..., then 1, s + 1, ...). Then, if output
-/// positions are counted along the padded rows, tap (c, u, v) of the positions p, p + 1, ... lies at
-/// offset(c, u, v) + p, + 1, ...: a run of adjacent numbers for every tap. The positions in the padding are
-/// computed, too, and dropped. A 1×1 convolution in float32 needs no copy.
+/// A convolution as a product of matrices whose right side is made in pieces that stay in the cache.
+///
+/// The input is copied into padded planes, split by the stride (rows and columns 0, s, 2s, ..., then 1, s +
+/// 1,
+/// ...). Then tap (c, u, v) of neighbouring output positions of a row is a run of adjacent numbers, at
+/// offset(c, u, v) behind the same run of tap (0, 0, 0). Few filters multiply these runs where they lie
+/// (streaming). Many filters share a panel: a block of the depth, for some positions, is gathered into a
+/// buffer that stays in the first-level cache while all filters are multiplied by it. A 1×1 convolution
+/// without padding gathers from the input itself. Where the planes of one group's strip of rows are small,
+/// each task makes them for itself, and they stay in the second-level cache; else all are made first.
 ///
 /// An element of a plane is a 32-bit word: one float32, two bfloat16 (of two channels) or four 8-bit integers
 /// (of four channels), so that all precisions share the loops.
@@ -33,7 +38,6 @@ class Conv2dDirect {
   Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion,
                Precision precision = Precision::kFp32);
 
-  /// float32: where few positions lie in the padding.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 
   [[nodiscard]] std::size_t packed_bytes() const noexcept;
@@ -50,44 +54,65 @@ class Conv2dDirect {
   struct Quantiser {
     float step = 1, zero = 0;
   };
-  [[nodiscard]] std::int64_t planes_size() const noexcept;
+  struct Call {
+    const Conv2dArrays& arrays;
+    Quantiser quantiser;
+    const float* values;  // of each row: start, step, bias
+    const float* planes;  // shared
+  };
+  void choose_tasks();
+  void list_offsets();
+  [[nodiscard]] std::int64_t strip_planes() const noexcept;
+  [[nodiscard]] std::int64_t shared_planes() const noexcept;
+  [[nodiscard]] std::int64_t rows_size() const noexcept;
+  [[nodiscard]] std::int64_t thread_size() const noexcept;
   [[nodiscard]] std::int64_t task_count() const noexcept;
   [[nodiscard]] Task task(std::int64_t index) const noexcept;
   [[nodiscard]] double weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
                                  std::int64_t tap) const noexcept;
   [[nodiscard]] float pack_word(const float* weight, std::int64_t filter, std::int64_t k, int variant,
                                 float step) const;
+  void pack_panel(const float* weight, std::int64_t panel, float* panels, float* steps, float* sums) const;
   [[nodiscard]] Quantiser quantiser(const Conv2dArrays& arrays) const;
-  void fill_plane(std::int64_t index, const Conv2dArrays& arrays, const Quantiser& quantiser,
-                  float* planes) const;
-  void run_task(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser, const float* planes,
-                float* tile) const;
-  void run_panel(const Task& task, const Conv2dArrays& arrays, const Quantiser& quantiser, std::int64_t panel,
-                 std::int64_t k, const float* b, float* tile) const;
-  void write_tile(const Task& task, const Conv2dArrays& arrays, float* tile) const;
+  void make_row_values(const Call& call, float* values) const;
+  void fill_plane(const Call& call, std::int64_t index, std::int64_t first_row, std::int64_t rows,
+                  float* plane) const;
+  void run_gathered(const Call& call, const Task& task, float* memory) const;
+  void gather_panel(const Call& call, const Task& task, std::int64_t first, std::int64_t count,
+                    std::int64_t k, const float* planes, float* b) const;
+  void run_streaming(const Call& call, const Task& task, float* memory) const;
+  void multiply(const Call& call, const Task& task, std::int64_t panel, std::int64_t k, std::int64_t first,
+                std::int64_t count, const float* b, float* sums) const;
   [[nodiscard]] bool writes_y() const noexcept;
-  void write_row(const Task& task, const Conv2dArrays& arrays, std::int64_t channel, float* sums,
-                 std::int64_t first, std::int64_t count) const;
+  void write_rows(const Call& call, const Task& task, std::int64_t panel, std::int64_t first,
+                  std::int64_t count, float* sums) const;
+  void write_upsampled(const Call& call, const Task& task, std::int64_t plane, std::int64_t first,
+                       std::int64_t count, float* sums) const;
 
   const Conv2dRoutines& routines_;
   Conv2dGeometry g_;
   Precision precision_;
   bool gated_, upsampled_, relu_input_;
-  bool in_place_;  // the planes are x
+  float least_;  // of x, where x is cut
   Conv2dEpilogue epilogue_;
-  bool residual_;
   std::int64_t in_height_, in_width_;    // of x
   std::int64_t rows_out_, columns_out_;  // of output positions, for one variant
   std::int64_t taps_;                    // of one input channel
   std::int64_t lanes_;                   // channels of a word
   std::int64_t group_words_;             // words of a position, in a group
-  std::int64_t plane_width_, plane_size_;
-  std::int64_t depth_, block_depth_;  // words
-  std::int64_t panels_;               // of weights, in a group
-  std::int64_t task_panels_, row_tasks_;
-  std::int64_t task_columns_, tiles_;  // positions of a task; tasks along the positions
+  std::int64_t depth_, block_depth_;     // words
+  std::int64_t panels_;                  // of weights, in a group
   int variants_;
+  bool in_place_;   // words are made from x, there are no planes
+  bool streaming_;  // no panels are gathered
+  bool local_;      // each task fills the planes it needs
+  std::int64_t reach_y_, plane_width_;
+  std::int64_t strip_rows_, strips_;     // output rows of the planes
+  std::int64_t plane_size_;              // of a strip's rows
+  std::int64_t task_positions_, tiles_;  // of a strip
+  std::int64_t task_panels_, row_tasks_;
   std::vector<std::int32_t> offsets_;  // of each variant's words, from the group's first plane
+  std::vector<std::int8_t> phase_is_read_;
 };
 
 /// The methods of lower precision, as conv2d_method.h has them.

@@ -137,10 +137,7 @@ void depthwise_row(const DepthwiseRow& row, float* y, std::int64_t count) {
   for (; j < count; j += kWidth) {
     Float sum[1];
     depthwise_block(row, j, sum);
-    if (j + kWidth <= count)
-      simd::store(y + j, sum[0]);
-    else
-      simd::store_partial(y + j, sum[0], static_cast<std::size_t>(count - j));
+    store_some(y + j, sum[0], count - j);
   }
 }
 
@@ -156,7 +153,8 @@ const Conv2dRoutines conv2d_routines {
 #endif
       kRows, kColumns, multiply, pack_columns,
       {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>},
-      {fill_row<Fp32>, fill_row<Bf16>, fill_row<Int8>}, range, gate, depthwise_row
+      {fill_rows<Fp32>, fill_rows<Bf16>, fill_rows<Int8>}, {gather<Fp32>, gather<Bf16>, gather<Int8>},
+      gather_copies, range, gate, depthwise_row
 };
 
 }  // namespace slide::ops::SLIDE_ISA

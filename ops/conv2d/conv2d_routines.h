@@ -30,32 +30,53 @@ struct DepthwiseRow {
   float low, high;  ///< to which results are cut
 };
 
-/// Rows of b are fetched into the cache this many words before they are multiplied.
-inline constexpr std::int64_t kWordsAhead = 6;
-
 /// A block of the depth of a product of words (conv2d_direct.h) for a panel of rows and one of columns.
 struct WordProduct {
   const float* a;               ///< depth × rows
-  const float* b;               ///< row k at b + offsets[k]
-  const std::int32_t* offsets;  ///< depth, and kWordsAhead more
+  const float* b;               ///< row k at b + offsets[k], without offsets at b + k·columns
+  const std::int32_t* offsets;  ///< may be null
   std::int64_t depth;
-  std::int64_t row_count, column_count;
-  bool exact;          ///< nothing is read behind column_count
+  std::int64_t row_count, column_count;  ///< b is read up to a multiple of the vector width
   const float* start;  ///< in the first block, for each row the word that its sums start from; else null
   float* sums;  ///< else read from here, and left here if this is not the last block; rows of `columns`
   bool last;
   const float* step;  ///< in the last block, integers: y = sum · step + bias for each row
   const float* bias;
+  const float* residual;  ///< in the last block: added, laid out like y; may be null
   float low, high;        ///< to which results are cut
   float* y;               ///< in the last block
   std::int64_t y_stride;  ///< from row to row; nothing is written behind row_count and column_count
 };
 
-/// Rows of up to four channels that become one row of words.
-struct WordRow {
-  const float* x[4];  ///< as many as the precision packs; null: zeros
+/// Channels that become words, as many to a word as the precision packs, each plane_size behind the one
+/// before. 8-bit integers are round(x · inverse_step + zero).
+struct WordSource {
+  const float* x;
+  std::int64_t plane_size;
+  std::int64_t channels;  ///< lanes behind the last are zeros
   float zero, inverse_step;
-  bool relu;  ///< numbers below zero count as zero
+  float least;  ///< what numbers below it count as: 0 or -infinity
+};
+
+/// Rows that become rows of padded planes.
+struct WordRows {
+  std::int64_t rows, x_step, y_step;  ///< from row to row
+  std::int64_t width, start, stride;
+  std::int64_t count;
+  float outside;
+};
+
+/// Neighbouring positions: their words, from x[from + j·stride], are b[to + j] for j < count.
+struct WordRun {
+  std::int64_t from, to, count;
+};
+
+/// The rows of a panel of columns: word k is of the channels at source.x + offsets[k].
+struct WordGather {
+  WordSource source;
+  const std::int32_t* offsets;
+  const WordRun* runs;  ///< by rising `to`
+  std::int64_t run_count, stride;
 };
 
 /// The inner loops of the convolutions, compiled once per instruction-set level.
@@ -82,9 +103,15 @@ struct Conv2dRoutines {
   /// int32.
   void (*multiply_words[3])(const WordProduct& product);
 
-  /// y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j < count.
-  void (*fill_row[3])(const WordRow& x, std::int64_t width, std::int64_t start, std::int64_t stride,
-                      float outside, float* y, std::int64_t count);
+  /// In each row y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j <
+  /// count.
+  void (*fill_rows[3])(const WordSource& x, const WordRows& rows, float* y);
+
+  /// Rows k < depth, b[k·columns + ...], of the words of a panel. Of x only what the runs name is read; of b
+  /// whole vectors are written, up to kRowAlignment - 1 words behind the panel.
+  void (*gather[3])(const WordGather& gather, std::int64_t depth, float* b);
+  /// The same of words that are ready at source.x: they are copied, and read in whole vectors, too.
+  void (*gather_copies)(const WordGather& gather, std::int64_t depth, float* b);
 
   /// The least and the largest of x[0...count), and 0.
   void (*range)(const float* x, std::int64_t count, float* low, float* high);

@@ -41,6 +41,17 @@ SLIDE_INLINE Bits load_words(const float* words) {
 SLIDE_INLINE void store_words(float* to, Bits bits) { __builtin_memcpy(to, &bits, sizeof bits); }
 SLIDE_INLINE Float as_float(Bits bits) { return simd::from_bits<SLIDE_ISA_WIDTH>(bits); }
 
+/// The first `count` numbers, zeros in the other lanes; all from kWidth on.
+SLIDE_INLINE Float load_some(const float* x, std::int64_t count) {
+  return count >= kWidth ? simd::load(x) : simd::load_partial(x, static_cast<std::size_t>(count));
+}
+SLIDE_INLINE void store_some(float* y, Float value, std::int64_t count) {
+  if (count >= kWidth)
+    simd::store(y, value);
+  else
+    simd::store_partial(y, value, static_cast<std::size_t>(count));
+}
+
 /// NaN stays NaN.
 SLIDE_INLINE Float cut(Float x, float low, float high) {
   return simd::min(simd::broadcast(high), simd::max(simd::broadcast(low), x));
@@ -51,7 +62,6 @@ struct FloatSums {
   using Sum = Float;
   static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
   static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
-  static SLIDE_INLINE Sum zero() { return simd::zero(); }
   static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
   static SLIDE_INLINE void store(float* sums, Sum sum) { simd::store(sums, sum); }
   static SLIDE_INLINE Float result(const WordProduct&, int, Sum sum) { return sum; }
@@ -61,7 +71,7 @@ struct FloatSums {
 struct Fp32 : FloatSums {
   static constexpr int kLanes = 1;
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) { return simd::fma(as_float(a), as_float(b), sum); }
-  static SLIDE_INLINE Bits word(const WordRow&, const Float* x) { return simd::bits_of(x[0]); }
+  static SLIDE_INLINE Bits word(float, float, const Float* x) { return simd::bits_of(x[0]); }
 };
 
 /// Two bfloat16: the first in the low half.
@@ -86,9 +96,22 @@ struct Bf16 : FloatSums {
     const Bits quiet = bits | 0x00400000;
     return simd::is_nan(x).v ? quiet : nearest;
   }
-  static SLIDE_INLINE Bits word(const WordRow&, const Float* x) {
+  static SLIDE_INLINE Bits word(float, float, const Float* x) {
+#if defined(__AVX512BF16__)
+    // The low half has the first channel's sixteen numbers, the high half the second's.
+    const __m512bh halves = _mm512_cvtne2ps_pbh(x[1].v, x[0].v);
+    __m512i bits;
+    __builtin_memcpy(&bits, &halves, sizeof bits);
+    const __m512i pairs = _mm512_set_epi16(31, 15, 30, 14, 29, 13, 28, 12, 27, 11, 26, 10, 25, 9, 24, 8, 23,
+                                           7, 22, 6, 21, 5, 20, 4, 19, 3, 18, 2, 17, 1, 16, 0);
+    bits = _mm512_permutexvar_epi16(pairs, bits);
+    Bits words;
+    __builtin_memcpy(&words, &bits, sizeof words);
+    return words;
+#else
     constexpr auto kHigh = static_cast<std::int32_t>(0xFFFF0000);
     return (rounded(x[0]) >> 16 & 0xFFFF) | (rounded(x[1]) & kHigh);
+#endif
   }
 };
 
@@ -98,7 +121,6 @@ struct Int8 {
   using Sum = Bits;
   static SLIDE_INLINE Sum load(const float* sums) { return load_words(sums); }
   static SLIDE_INLINE Sum start(const float* word) { return broadcast_word(word); }
-  static SLIDE_INLINE Sum zero() { return Bits{}; }
   static SLIDE_INLINE Sum add(Sum a, Sum b) { return a + b; }
   static SLIDE_INLINE void store(float* sums, Sum sum) { store_words(sums, sum); }
   static SLIDE_INLINE Float result(const WordProduct& p, int row, Sum sum) {
@@ -119,65 +141,103 @@ struct Int8 {
     return sum;
 #endif
   }
-  static SLIDE_INLINE Bits word(const WordRow& row, const Float* x) {
+  /// Conversion and packing saturate: only what would overflow the conversion is cut before.
+  static SLIDE_INLINE Bits word(float zero, float inverse_step, const Float* x) {
+    Float scaled[4];
+    for (int lane = 0; lane < 4; ++lane)
+      scaled[lane] = simd::min(simd::fma(x[lane], simd::broadcast(inverse_step), simd::broadcast(zero)),
+                               simd::broadcast(255.0F));
     Bits word{};
-    for (int lane = 0; lane < 4; ++lane) {
-      // Half is added because conversion cuts off.
-      const Float scaled =
-          simd::fma(x[lane], simd::broadcast(row.inverse_step), simd::broadcast(row.zero + 0.5F));
-      const Float inside = simd::min(simd::max(scaled, simd::zero()), simd::broadcast(255.0F));
-      word |= __builtin_convertvector(inside.v, Bits) << 8 * lane;
-    }
+#if defined(__AVX512BW__)
+    const __m512i ab = _mm512_packs_epi32(_mm512_maskz_cvtps_epi32(0xFFFF, scaled[0].v),
+                                          _mm512_maskz_cvtps_epi32(0xFFFF, scaled[1].v));
+    const __m512i cd = _mm512_packs_epi32(_mm512_maskz_cvtps_epi32(0xFFFF, scaled[2].v),
+                                          _mm512_maskz_cvtps_epi32(0xFFFF, scaled[3].v));
+    const __m512i order = _mm512_maskz_broadcast_i32x4(
+        0xFFFF, _mm_setr_epi8(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15));
+    const __m512i bytes = _mm512_shuffle_epi8(_mm512_packus_epi16(ab, cd), order);
+    __builtin_memcpy(&word, &bytes, sizeof word);
+#elif defined(__AVX2__)
+    const __m256i ab = _mm256_packs_epi32(_mm256_cvtps_epi32(scaled[0].v), _mm256_cvtps_epi32(scaled[1].v));
+    const __m256i cd = _mm256_packs_epi32(_mm256_cvtps_epi32(scaled[2].v), _mm256_cvtps_epi32(scaled[3].v));
+    const __m256i order =
+        _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15));
+    const __m256i bytes = _mm256_shuffle_epi8(_mm256_packus_epi16(ab, cd), order);
+    __builtin_memcpy(&word, &bytes, sizeof word);
+#else
+    // Half is added because conversion cuts off.
+    for (int lane = 0; lane < 4; ++lane)
+      word |= __builtin_convertvector(
+                  simd::max(simd::min(scaled[lane] + simd::broadcast(0.5F), simd::broadcast(255.0F)),
+                            simd::zero())
+                      .v,
+                  Bits)
+              << 8 * lane;
+#endif
     return word;
   }
 };
 
-/// The first `count` <= kWidth words.
-SLIDE_INLINE Bits load_some_words(const float* words, std::int64_t count) {
-  if (count >= kWidth) return load_words(words);
-  return simd::bits_of(simd::load_partial(words, static_cast<std::size_t>(count)));
+// Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
+#define SLIDE_UNROLLED _Pragma("GCC unroll 8")
+
+/// What the last block does with finished sums; `end`: how many words of a row's last vector there are.
+template <typename P, int R, int V>
+SLIDE_INLINE void write_sums(const WordProduct& p, const typename P::Sum (&sums)[R][V], std::int64_t end) {
+  const Float low = simd::broadcast(p.low);
+  const Float high = simd::broadcast(p.high);
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+    if (m < p.row_count) {
+      float* y = p.y + m * p.y_stride;
+      Float values[V];
+      SLIDE_UNROLLED for (int v = 0; v < V; ++v) values[v] = P::result(p, m, sums[m][v]);
+      if (p.residual != nullptr) {
+        const float* residual = p.residual + m * p.y_stride;
+        SLIDE_UNROLLED for (int v = 0; v < V - 1; ++v) values[v] =
+            values[v] + simd::load(residual + v * kWidth);
+        values[V - 1] = values[V - 1] + load_some(residual + (V - 1) * kWidth, end);
+      }
+      SLIDE_UNROLLED for (int v = 0; v < V; ++v) values[v] = simd::min(high, simd::max(low, values[v]));
+      SLIDE_UNROLLED for (int v = 0; v < V - 1; ++v) simd::store(y + v * kWidth, values[v]);
+      store_some(y + (V - 1) * kWidth, values[V - 1], end);
+    }
+  }
 }
 
-/// `end`: how many words of a row's last vector there are. The first block starts from its words; each later
-/// one is summed by itself and then added, so that blocks bound the roundings.
-template <typename P, int R, int V, bool kExact>
+/// The first block starts from its words; each later one is summed by itself and then added, so that blocks
+/// bound the roundings.
+template <typename P, int R, int V, bool kOffsets>
 SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
+  static constexpr float kZeros[R] = {};
+  const float* start = p.start != nullptr ? p.start : kZeros;
   typename P::Sum sums[R][V];
-  for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) sums[m][v] = p.start != nullptr ? P::start(p.start + m) : P::zero();
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+    SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::start(start + m);
+  }
   const float* a = p.a;
-  for (std::int64_t k = 0; k < p.depth; ++k, a += kRows) {
-    const float* row = p.b + p.offsets[k];
-    const float* later = p.b + p.offsets[k + kWordsAhead];
-    for (int v = 0; v <= V; ++v) __builtin_prefetch(later + v * kWidth);
+  const float* b = p.b;
+  for (std::int64_t k = 0; k < p.depth; ++k, a += kRows, b += kOffsets ? 0 : kColumns) {
+    const float* row = kOffsets ? b + p.offsets[k] : b;
+    if (!kOffsets) {  // what the next panel reads
+      __builtin_prefetch(a + p.depth * kRows);
+      __builtin_prefetch(p.sums + kRows * kColumns + k * 4);
+    }
     Bits right[V];
-    for (int v = 0; v < V - 1; ++v) right[v] = load_words(row + v * kWidth);
-    const float* tail = row + (V - 1) * kWidth;
-    right[V - 1] = kExact ? load_some_words(tail, end) : load_words(tail);
-    for (int m = 0; m < R; ++m) {
+    SLIDE_UNROLLED for (int v = 0; v < V; ++v) right[v] = load_words(row + v * kWidth);
+    SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
       const Bits left = broadcast_word(a + m);
-      for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
+      SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
     }
   }
-  if (p.start == nullptr)
-    for (int m = 0; m < R; ++m)
-      for (int v = 0; v < V; ++v)
-        sums[m][v] = P::add(P::load(p.sums + m * kColumns + v * kWidth), sums[m][v]);
-  if (!p.last) {
-    for (int m = 0; m < R; ++m)
-      for (int v = 0; v < V; ++v) P::store(p.sums + m * kColumns + v * kWidth, sums[m][v]);
-    return;
-  }
-  for (int m = 0; m < R; ++m) {
-    if (m >= p.row_count) break;
-    float* y = p.y + m * p.y_stride;
-    for (int v = 0; v < V; ++v) {
-      const Float value = cut(P::result(p, m, sums[m][v]), p.low, p.high);
-      if (v < V - 1 || end >= kWidth)
-        simd::store(y + v * kWidth, value);
-      else
-        simd::store_partial(y + v * kWidth, value, static_cast<std::size_t>(end));
+  if (p.start == nullptr) {
+    SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+      SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] =
+          P::add(P::load(p.sums + m * kColumns + v * kWidth), sums[m][v]);
     }
+  }
+  if (p.last) return write_sums<P>(p, sums, end);
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+    SLIDE_UNROLLED for (int v = 0; v < V; ++v) P::store(p.sums + m * kColumns + v * kWidth, sums[m][v]);
   }
 }
 
@@ -186,7 +246,7 @@ void multiply_rows_of_words(const WordProduct& p) {
   if constexpr (V > 1)
     if (p.column_count <= (V - 1) * kWidth) return multiply_rows_of_words<P, R, V - 1>(p);
   const std::int64_t end = p.column_count - (V - 1) * kWidth;
-  if (p.exact && end < kWidth) return multiply_block<P, R, V, true>(p, end);
+  if (p.offsets != nullptr) return multiply_block<P, R, V, true>(p, end);
   multiply_block<P, R, V, false>(p, end);
 }
 
@@ -198,46 +258,114 @@ void multiply_words(const WordProduct& p) {
   multiply_rows_of_words<P, 1, kVectors>(p);
 }
 
-/// One vector of words from x[first...first + count·stride), count <= kWidth; `more`: others follow in the
-/// row.
-template <typename P>
-SLIDE_INLINE Bits make_words(const WordRow& row, std::int64_t first, std::int64_t stride, std::int64_t count,
-                             bool more) {
-  Float x[P::kLanes];
-  for (int lane = 0; lane < P::kLanes; ++lane) {
-    if (row.x[lane] == nullptr) {
-      x[lane] = simd::zero();
-    } else if (stride == 1 && count == kWidth) {
-      x[lane] = simd::load(row.x[lane] + first);
-    } else if (stride == 2 && more) {
-      x[lane] = simd::even(simd::load(row.x[lane] + first), simd::load(row.x[lane] + first + kWidth));
-    } else {
-      float gathered[kWidth] = {};
-      for (std::int64_t j = 0; j < count; ++j) gathered[j] = row.x[lane][first + j * stride];
-      x[lane] = simd::load(gathered);
-    }
-    if (row.relu) x[lane] = simd::max(simd::zero(), x[lane]);
+/// x[0], x[stride], ...: `count` <= kWidth of them, zeros in the other lanes. `more`: others follow.
+SLIDE_INLINE Float load_every(const float* x, std::int64_t stride, std::int64_t count, bool more) {
+  if (stride == 1) return load_some(x, count);
+  if (stride == 2) {
+    if (more) return simd::even(simd::load(x), simd::load(x + kWidth));
+    const std::int64_t rest = 2 * count - 1 - kWidth;
+    return simd::even(load_some(x, rest + kWidth), rest > 0 ? load_some(x + kWidth, rest) : simd::zero());
   }
-  return P::word(row, x);
+  float gathered[kWidth] = {};
+  for (std::int64_t j = 0; j < count; ++j) gathered[j] = x[j * stride];
+  return simd::load(gathered);
+}
+
+/// One vector of words of the first `lanes` channels at x.
+template <typename P>
+SLIDE_INLINE Bits make_words(const WordSource& s, const float* x, std::int64_t lanes, std::int64_t stride,
+                             std::int64_t count, bool more) {
+  Float lane[P::kLanes];
+  for (int l = 0; l < P::kLanes; ++l) {
+    lane[l] = l < lanes ? load_every(x + l * s.plane_size, stride, count, more) : simd::zero();
+    lane[l] = simd::max(simd::broadcast(s.least), lane[l]);
+  }
+  return P::word(s.zero, s.inverse_step, lane);
+}
+
+/// Words as they are, whole vectors of them.
+void gather_copies(const WordGather& g, std::int64_t depth, float* b) {
+  for (std::int64_t k = 0; k < depth; ++k, b += kColumns) {
+    const float* x = g.source.x + g.offsets[k];
+    for (std::int64_t r = 0; r < g.run_count; ++r) {
+      const WordRun run = g.runs[r];
+      for (std::int64_t j = 0; j < run.count; j += kWidth)
+        store_words(b + run.to + j, load_words(x + run.from + j));
+    }
+  }
+}
+
+/// A whole panel of neighbouring positions.
+template <typename P>
+SLIDE_INLINE void gather_whole(const WordGather& g, std::int64_t depth, float* b) {
+  for (std::int64_t k = 0; k < depth; ++k, b += kColumns) {
+    const float* x = g.source.x + g.offsets[k] + g.runs[0].from;
+    const std::int64_t lanes = g.source.channels - k * P::kLanes;
+    for (int v = 0; v < kVectors; ++v) {
+      const float* at = x + v * kWidth;
+      // Where all lanes are there, nothing is left to decide.
+      const Bits words = lanes >= P::kLanes ? make_words<P>(g.source, at, P::kLanes, 1, kWidth, false)
+                                            : make_words<P>(g.source, at, lanes, 1, kWidth, false);
+      store_words(b + v * kWidth, words);
+    }
+  }
 }
 
 template <typename P>
-void fill_row(const WordRow& row, std::int64_t width, std::int64_t start, std::int64_t stride, float outside,
-              float* y, std::int64_t count) {
-  std::int64_t first = start >= 0 ? 0 : (-start + stride - 1) / stride;
-  if (first > count) first = count;
-  std::int64_t last = start >= width ? 0 : (width - 1 - start) / stride + 1;
-  if (width == 0 || last < first) last = first;
-  if (last > count) last = count;
-  for (std::int64_t j = 0; j < first; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);
-  std::int64_t j = first;
-  for (; j + kWidth <= last; j += kWidth)
-    store_words(y + j, make_words<P>(row, start + j * stride, stride, kWidth, j + kWidth < last));
-  if (j < last) {
-    const Bits words = make_words<P>(row, start + j * stride, stride, last - j, false);
-    __builtin_memcpy(y + j, &words, static_cast<std::size_t>(last - j) * sizeof(float));
+void gather(const WordGather& g, std::int64_t depth, float* b) {
+  if (g.run_count == 1 && g.runs[0].count == kColumns && g.stride == 1) return gather_whole<P>(g, depth, b);
+  for (std::int64_t k = 0; k < depth; ++k, b += kColumns) {
+    const float* x = g.source.x + g.offsets[k];
+    const std::int64_t lanes = g.source.channels - k * P::kLanes;
+    for (std::int64_t r = 0; r < g.run_count; ++r) {
+      const WordRun& run = g.runs[r];
+      for (std::int64_t j = 0; j < run.count; j += kWidth) {
+        const std::int64_t rest = run.count - j;
+        const Bits words = make_words<P>(g.source, x + run.from + j * g.stride, lanes, g.stride,
+                                         rest < kWidth ? rest : kWidth, rest > kWidth);
+        store_words(b + run.to + j, words);
+      }
+    }
   }
-  for (j = last; j < count; ++j) __builtin_memcpy(y + j, &outside, sizeof outside);
+}
+
+/// `count` words from x[0], x[stride], ... A stride of 1 or 2 and all lanes are known when this is compiled.
+template <typename P, int kStride, bool kAllLanes>
+SLIDE_INLINE void fill_inside(const WordSource& s, const float* x, std::int64_t stride, float* y,
+                              std::int64_t count) {
+  const std::int64_t step = kStride > 0 ? kStride : stride;
+  const std::int64_t lanes = kAllLanes ? P::kLanes : s.channels;
+  std::int64_t j = 0;
+  for (; j + kWidth < count; j += kWidth)
+    store_words(y + j, make_words<P>(s, x + j * step, lanes, step, kWidth, true));
+  if (j < count) {
+    const Bits words = make_words<P>(s, x + j * step, lanes, step, count - j, false);
+    store_some(y + j, as_float(words), count - j);
+  }
+}
+
+template <typename P, int kStride, bool kAllLanes>
+void fill_rows_inside(const WordSource& s, const float* x, const WordRows& r, float* y, std::int64_t first,
+                      std::int64_t last) {
+  for (std::int64_t row = 0; row < r.rows; ++row, x += r.x_step, y += r.y_step) {
+    for (std::int64_t j = 0; j < first; ++j) __builtin_memcpy(y + j, &r.outside, sizeof r.outside);
+    fill_inside<P, kStride, kAllLanes>(s, x, r.stride, y + first, last - first);
+    for (std::int64_t j = last; j < r.count; ++j) __builtin_memcpy(y + j, &r.outside, sizeof r.outside);
+  }
+}
+
+template <typename P>
+void fill_rows(const WordSource& s, const WordRows& r, float* y) {
+  std::int64_t first = r.start >= 0 ? 0 : (-r.start + r.stride - 1) / r.stride;
+  if (first > r.count) first = r.count;
+  std::int64_t last = r.start >= r.width ? 0 : (r.width - 1 - r.start) / r.stride + 1;
+  if (r.width == 0 || last < first) last = first;
+  if (last > r.count) last = r.count;
+  const float* x = s.x + r.start + first * r.stride;
+  if (s.channels < P::kLanes) return fill_rows_inside<P, 0, false>(s, x, r, y, first, last);
+  if (r.stride == 1) return fill_rows_inside<P, 1, true>(s, x, r, y, first, last);
+  if (r.stride == 2) return fill_rows_inside<P, 2, true>(s, x, r, y, first, last);
+  fill_rows_inside<P, 0, true>(s, x, r, y, first, last);
 }
 
 void range(const float* x, std::int64_t count, float* low, float* high) {

@@ -85,6 +85,14 @@ const std::vector<Case>& cases() {
       {"rows of one pixel", {1, 4, 40, 1}, {4, 4, 3, 3}, ops::Conv2dParams::same(3)},
       {"several blocks of positions", {1, 4, 40, 61}, {20, 4, 3, 3}, ops::Conv2dParams::same(3)},
       {"several blocks of terms", {1, 128, 5, 7}, {18, 128, 3, 3}, ops::Conv2dParams::same(3)},
+      {"one filter of many channels", {1, 40, 50, 130}, {1, 40, 3, 3}, ops::Conv2dParams::same(3)},
+      {"groups of few filters", {1, 32, 40, 50}, {32, 4, 3, 3}, ops::Conv2dParams::same(3, 1, 1, 8)},
+      {"groups of many filters, stride 2",
+       {1, 48, 31, 40},
+       {80, 24, 3, 3},
+       ops::Conv2dParams::same(3, 2, 1, 2)},
+      {"1x1 of many filters with stride", {1, 40, 15, 33}, {40, 40, 1, 1}, {{2, 2}, {0, 0, 0, 0}, {1, 1}, 1}},
+      {"1x1 of one filter, whole vectors", {1, 33, 16, 36}, {1, 33, 1, 1}, {}},
   };
   return all;
 }

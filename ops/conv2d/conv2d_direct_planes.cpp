@@ -1,0 +1,95 @@
+// What direct convolutions make of their input at each run: the quantiser, values of rows, padded planes.
+
+#include <algorithm>
+#include <bit>
+#include <cmath>
+
+#include "ops/conv2d/conv2d_direct.h"
+#include "runtime/threads.h"
+
+namespace slide::ops {
+
+Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) const {
+  if (precision_ != Precision::kInt8) return {};
+  float low = 0;
+  float high = 0;
+  if (arrays.range) {
+    low = std::min(0.0F, arrays.range->low);
+    high = std::max(0.0F, arrays.range->high);
+  } else {
+    const std::int64_t planes = g_.batch * g_.ic;
+    std::vector<Range> ranges(static_cast<std::size_t>(planes));
+    const std::int64_t size = in_height_ * in_width_;
+    parallel_for(planes, [&](std::int64_t p) {
+      Range& r = ranges[static_cast<std::size_t>(p)];
+      routines_.range(arrays.x + p * size, size, &r.low, &r.high);
+    });
+    for (const Range& r : ranges) {
+      low = std::min(low, r.low);
+      high = std::max(high, r.high);
+    }
+  }
+  if (relu_input_) low = 0;
+  Quantiser q;
+  q.step = (high - low) / 255;
+  if (!(q.step > 0)) q.step = 1;
+  q.zero = std::round(-low / q.step);
+  return q;
+}
+
+/// What each row's sums start from, integers' step, bias: zeros behind the last filter.
+void Conv2dDirect::make_row_values(const Call& call, float* values) const {
+  const auto* packed = static_cast<const float*>(static_cast<const void*>(call.arrays.packed));
+  const std::int64_t count = variants_ * g_.groups * panels_ * routines_.rows;
+  const float* steps = packed + count * depth_;
+  for (std::int64_t i = 0; i < count; ++i) {
+    const std::int64_t row = i % (panels_ * routines_.rows);
+    const std::int64_t group = i / (panels_ * routines_.rows) % g_.groups;
+    const bool biased = call.arrays.bias != nullptr && row < g_.group_oc;
+    const float bias = biased ? call.arrays.bias[filter_of_row(g_, gated_, group, row)] : 0.0F;
+    float* value = values + i;
+    value[0] = value[2 * rows_size()] = bias;
+    if (precision_ != Precision::kInt8) continue;
+    // What the zero point adds to each sum is taken off.
+    const auto sum = std::bit_cast<std::int32_t>(steps[count + i]);
+    value[0] = std::bit_cast<float>(-static_cast<std::int32_t>(call.quantiser.zero) * sum);
+    value[rows_size()] = steps[i] * call.quantiser.step;
+  }
+}
+
+/// Some rows of the phases of one word of channels: index = (image, group, word).
+void Conv2dDirect::fill_plane(const Call& call, std::int64_t index, std::int64_t first_row, std::int64_t rows,
+                              float* plane) const {
+  const std::int64_t word = index % group_words_;
+  const std::int64_t channel = index / group_words_ * g_.group_ic + word * lanes_;
+  const Quantiser& q = call.quantiser;
+  const auto zero = static_cast<std::uint32_t>(q.zero);
+  const float outside = precision_ == Precision::kInt8 ? std::bit_cast<float>(zero * 0x01010101U) : 0.0F;
+  const float* x = call.arrays.x + channel * in_height_ * in_width_;
+  WordSource source{x, in_height_ * in_width_, g_.group_ic - word * lanes_, q.zero, 1 / q.step, least_};
+  const auto fill = routines_.fill_rows[static_cast<std::size_t>(precision_)];
+  for (std::int64_t phase = 0; phase < g_.stride_y * g_.stride_x; ++phase) {
+    if (phase_is_read_[static_cast<std::size_t>(phase)] == 0) continue;
+    const std::int64_t start = first_row * g_.stride_y + phase / g_.stride_x - g_.top;
+    const TapRange inside = tap_range(start, g_.stride_y, in_height_, rows);
+    WordRows r{0,
+               g_.stride_y * in_width_,
+               plane_width_,
+               0,
+               phase % g_.stride_x - g_.left,
+               g_.stride_x,
+               plane_width_,
+               outside};
+    float* y = plane + phase * plane_size_;
+    r.rows = inside.first;
+    fill(source, r, y);
+    r.rows = rows - inside.last;
+    fill(source, r, y + inside.last * plane_width_);
+    r.rows = inside.last - inside.first;
+    r.width = in_width_;
+    source.x = x + (start + inside.first * g_.stride_y) * in_width_;
+    fill(source, r, y + inside.first * plane_width_);
+  }
+}
+
+}  // namespace slide::ops
