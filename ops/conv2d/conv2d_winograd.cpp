@@ -228,6 +228,9 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
     std::vector<double> taps(static_cast<std::size_t>(9 * kPackedChannels * rows));
+    // Frequencies may lie at a distance of powers of two: whole lines, written once, stay out of each other's
+    // way.
+    std::vector<float> u(static_cast<std::size_t>(frequencies_ * kPackedChannels * rows));
     for (std::int64_t c = 0; c < g_.ic;) {
       const std::int64_t part = c / part_depth_ * part_depth_;
       const std::int64_t depth = std::min(part_depth_, g_.ic - part);
@@ -243,7 +246,9 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
                 inside ? static_cast<double>(from[n * 9 + tap]) : 0.0;
       }
       float* first = to + (part * panels_ + panel * depth + c - part) * rows;
-      transform(g, taps.data(), count, first, g_.ic * panels_ * rows);
+      transform(g, taps.data(), count, u.data(), count);
+      for (std::int64_t f = 0; f < frequencies_; ++f)
+        std::copy_n(u.data() + f * count, count, first + f * g_.ic * panels_ * rows);
       c += channels;
     }
   });
