@@ -189,9 +189,9 @@ def stereo(net, folder):
         rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
         s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
         with torch.no_grad():
-            smooth, filled, weight = background_fill(s, dt, ht)
+            smooth, filled, _ = background_fill(s, dt, ht)
             ours = {'smooth fill': smooth[0, :3].numpy(), 'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
-        unknown = weight[0, 0].numpy() < .5
+        unknown = background_weight(dt, ht)[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
         ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
         ours['Navier-Stokes'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_NS).transpose(2, 0, 1) / 127.5 - 1
