@@ -60,6 +60,9 @@ constexpr std::int64_t kSharedBytes = 8 << 20;
 // few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase, multiply in
 // vain.
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
+// Of so many weights (18 MiB for large tiles, 8 for small ones) few tiles spend as long on reading them as on
+// their products: small tiles are as fast then and take less memory.
+constexpr std::int64_t kManyWeights = 1 << 17, kMinTilesOfMany = 40;
 constexpr double kMostProducts2 = 0.6, kMostProducts = 0.4;  // of 9 for an output
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
@@ -189,9 +192,11 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
   const std::int64_t tiles =
       g.batch * tile_count(g.oheight, tile, g.dilation_y) * tile_count(g.owidth, tile, g.dilation_x);
   const double products = static_cast<double>(tiles * (tile + 2) * (tile + 2));
-  return tiles >= (tile == 2 ? kMinTiles2 : kMinTiles) &&
-         products <=
-             (tile == 2 ? kMostProducts2 : kMostProducts) * static_cast<double>(9 * g.batch * g.oplane());
+  const std::int64_t least = tile == 2                    ? kMinTiles2
+                             : g.ic * g.oc < kManyWeights ? kMinTiles
+                                                          : kMinTilesOfMany;
+  return tiles >= least && products <= (tile == 2 ? kMostProducts2 : kMostProducts) *
+                                           static_cast<double>(9 * g.batch * g.oplane());
 }
 
 template <int Tile>

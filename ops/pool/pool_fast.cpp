@@ -71,8 +71,8 @@ class PoolKernel : public LevelKernel<PoolOp, PoolRoutines> {
     const std::int64_t buffer_width = std::max(left + in.w, (out.w - 1) * p.stride[1] + p.kernel[1]);
     std::vector<float> row(static_cast<std::size_t>(buffer_width),
                            max ? -std::numeric_limits<float>::infinity() : 0.0F);
-    std::vector<float> divisors(static_cast<std::size_t>(out.w));
-    for (std::int64_t j = 0; j < out.w; ++j)
+    std::vector<float> divisors(static_cast<std::size_t>(max ? 0 : out.w));
+    for (std::int64_t j = 0; j < std::ssize(divisors); ++j)
       divisors[static_cast<std::size_t>(j)] = static_cast<float>(op.divisor(1, j, in.w));
     float* middle = row.data() + left;
     for (std::int64_t i = first; i < last; ++i) {
