@@ -12,7 +12,7 @@ namespace slide::ops {
 namespace {
 
 constexpr std::int64_t kTaskPositions = 96;    // gathered: the weights are read once for them
-constexpr std::int64_t kGatheredDepth = 96;    // words of kTaskPositions: most of the first-level cache
+constexpr std::int64_t kGatheredDepth = 64;    // words of kTaskPositions: most of the first-level cache
 constexpr std::int64_t kStreamedDepth = 160;   // at most, where a sum in order has that many roundings
 constexpr std::int64_t kFewPanels = 2;         // gathering costs as much as half of one
 constexpr std::int64_t kLocalWords = 3 << 15;  // planes of a task: part of the second-level cache

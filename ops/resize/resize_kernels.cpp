@@ -24,6 +24,8 @@ void gather(const float* __restrict x, const std::int32_t* __restrict index, con
 }
 
 #if defined(__AVX512F__)
+constexpr __mmask16 kAllLanes = 0xFFFF;  // g++ 12 takes the form without a mask for one of undefined lanes
+
 /// Two taps of outputs whose indices never decrease.
 void gather_pairs(const float* x, const std::int32_t* index, const float* weight, float* y,
                   std::size_t count) {
@@ -40,7 +42,8 @@ void gather_pairs(const float* x, const std::int32_t* index, const float* weight
                                        : simd::load_partial(x + first, static_cast<std::size_t>(reach));
     const __m512i start = _mm512_set1_epi32(first);
     const auto tap = [&](std::size_t at) {
-      return Float{_mm512_permutexvar_ps(_mm512_sub_epi32(_mm512_loadu_si512(index + at), start), from.v)};
+      return Float{_mm512_maskz_permutexvar_ps(
+          kAllLanes, _mm512_sub_epi32(_mm512_loadu_si512(index + at), start), from.v)};
     };
     simd::store(y + j, simd::load(weight + j) * tap(j) + simd::load(weight + count + j) * tap(count + j));
   }
