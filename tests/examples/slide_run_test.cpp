@@ -254,7 +254,7 @@ TEST_CASE("help shows the defaults, version shows the build, plan shows the kern
       slide_run({scene.photo, "--depth-weights", "formula", "--depth-model", "midas_v21_small", "--plan"});
   CHECK(plan.code == 0);
   CHECK(contains(plan.output, "depth: "));
-  CHECK(contains(plan.output, "conv2d.gemm"));
+  CHECK(contains(plan.output, "conv2d.direct"));
   CHECK(contains(plan.output, "residual"));      // convolutions with what was fused into them
   CHECK(!contains(plan.output, "batch_norm."));  // no kernel runs one
   CHECK(contains(plan.output, "GFLOP done"));

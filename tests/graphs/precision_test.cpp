@@ -65,13 +65,14 @@ struct Network {
 };
 
 /// A network, and by what factor the model of runtime/error_model.h may be wrong about its error. Trained
-/// networks dampen errors somewhat; gated ones, whose gates and saturated units hide most of them, much.
+/// networks dampen errors somewhat; gated ones, whose gates and saturated units hide most of them, much; so
+/// does the matte's sigmoid on a photo with a clear subject, where four pixels of five are all but 0 or 1.
 struct Expectation {
   const char* model;
   double under, over;
 };
 constexpr Expectation kExpectations[] = {
-    {"slide_depth", 1.2, 5}, {"slide_matte", 1.2, 5}, {"inpaint_coarse", 1.2, 20}};
+    {"slide_depth", 1.2, 5}, {"slide_matte", 1.2, 20}, {"inpaint_coarse", 1.2, 20}};
 
 bool same_bytes(const Tensor& a, const Tensor& b) {
   return a.bytes() == b.bytes() && std::memcmp(a.raw().data(), b.raw().data(), a.bytes()) == 0;
@@ -98,7 +99,7 @@ int count(const Plan& plan, Precision precision) {
 TEST_CASE("predicted errors agree with measured ones, budgets are kept, and threads change nothing" *
           doctest::skip(quick())) {
   for (const Expectation& expected_of : kExpectations) {
-    CAPTURE(expected_of.model);
+    CAPTURE(std::string(expected_of.model));
     const Network network(expected_of.model);
     const Tensor expected = network.reference();
     for (const Precision precision : kPrecisions) {

@@ -1,7 +1,9 @@
 #!/usr/bin/python3
 """Writes a checkpoint's averaged weights as the safetensors file that the runtime reads (float16), with its metadata.
 
-  export.py --model depth|inpaint|matte CHECKPOINT OUT.safetensors
+  export.py --model depth|inpaint|matte [--logits FACTOR] CHECKPOINT OUT.safetensors
+
+--logits multiplies the last layer: slide_matte was trained to doubt, and its mattes are nearer to the truth with 2.
 """
 import argparse
 
@@ -20,10 +22,14 @@ MODELS = {
 
 p = argparse.ArgumentParser()
 p.add_argument('--model', choices=MODELS, required=True)
+p.add_argument('--logits', type=float, default=1.)
 p.add_argument('checkpoint')
 p.add_argument('out')
 a = p.parse_args()
 saved = torch.load(a.checkpoint, map_location='cpu')
+for key in ('out3.weight', 'out3.bias'):
+    if a.logits != 1:
+        saved['average'][key] *= a.logits
 name, recipe = MODELS[a.model]
 metadata = {'model': name, 'recipe': recipe, 'training': f'{saved["step"]} steps, {saved["elapsed"] / 60:.0f} minutes',
             'licence': 'Apache-2.0 for the code; weights ' + NOTE}
