@@ -10,8 +10,8 @@ namespace slide::graphs {
 /// its networks want (their sizes, ranges and layouts).
 
 /// D: the depth network's disparity, min-max normalised; 0 everywhere if there is no relief. MiDaS's is
-/// enlarged bicubically as its authors do, slide_depth's by ops::guided_upsample with the photo as guide, which
-/// brings its edges onto the photo's.
+/// enlarged bicubically as its authors do, slide_depth's by ops::guided_upsample with the photo as guide,
+/// which brings its edges onto the photo's.
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 /// Throws Error(kUsage) if the model is no depth network.
 Value estimate_disparity(Value image, const NetworkChoice& network);
