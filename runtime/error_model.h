@@ -63,7 +63,9 @@ struct PrecisionChoice {
 /// independent.
 inline constexpr double kCalibrationMargin = 1.5;
 
-/// What a calibrated plan of 8-bit integers without a budget is expected to add up to, at most.
+/// What calibrated plans of 8-bit integers and of bfloat16 without a budget are expected to add up to, at
+/// most.
 inline constexpr double kInt8Error = 1.5e-2;
+inline constexpr double kBf16Error = 1e-2;
 
 }  // namespace slide

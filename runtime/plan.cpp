@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <optional>
 #include <utility>
 
 #include "runtime/arena.h"
@@ -60,12 +61,32 @@ bool is_step(const Graph& graph, const Plan& plan, int i) {
   return graph.node(i).kind == NodeKind::kOp && !plan.constant[static_cast<std::size_t>(i)];
 }
 
+/// The error of a kernel of 8-bit integers for that node, which is what a calibration measured; 0 if it has
+/// none.
+double int8_error(const Node& node, std::span<const Shape> inputs) {
+  for (const Kernel* kernel : node.op->kernels())
+    if (kernel->precision() == Precision::kInt8 && kernel->supports(*node.op, inputs, node.shape))
+      return kernel->expected_error(*node.op, inputs);
+  return 0;
+}
+
+/// What a kernel of lower precision adds to the outputs by the calibration, in proportion to what it adds
+/// beside one of 8-bit integers; nothing where the layer was not calibrated.
+std::optional<double> calibrated_error(const Graph& graph, int i, const Kernel& kernel,
+                                       const PlanOptions& options) {
+  if (kernel.precision() == Precision::kFp32 || options.calibration == nullptr) return std::nullopt;
+  const LayerCalibration* layer = options.calibration->find(graph, i);
+  if (layer == nullptr) return std::nullopt;
+  const std::vector<Shape> inputs = input_shapes(graph, graph.node(i));
+  const double measured = int8_error(graph.node(i), inputs);
+  if (!(measured > 0)) return std::nullopt;
+  return kCalibrationMargin * layer->error * kernel.expected_error(*graph.node(i).op, inputs) / measured;
+}
+
 /// What a kernel's error is expected to be where it reaches the outputs.
 double error_at_output(const Graph& graph, int i, const Kernel& kernel, double share,
                        const PlanOptions& options) {
-  if (kernel.precision() == Precision::kInt8 && options.calibration != nullptr)
-    if (const LayerCalibration* layer = options.calibration->find(graph, i))
-      return kCalibrationMargin * layer->error;
+  if (const std::optional<double> error = calibrated_error(graph, i, kernel, options)) return *error;
   const Node& node = graph.node(i);
   return std::sqrt(share) * kernel.expected_error(*node.op, input_shapes(graph, node));
 }
@@ -74,31 +95,31 @@ bool not_calibrated(const Graph& graph, int i, const PlanOptions& options) {
   return options.calibration != nullptr && options.calibration->find(graph, i) == nullptr;
 }
 
+using Kernels = std::vector<const Kernel*>;  // by node; null for those that are not computed at a run
+
 /// Of the nodes marked `low` those with the largest calibrated errors, so that the others' together are
-/// within kInt8Error; and those that have none.
-std::vector<bool> too_inexact(const Graph& graph, const std::vector<bool>& low, const PlanOptions& options) {
+/// within `limit`; and those that have none.
+std::vector<bool> too_inexact(const Graph& graph, const Kernels& kernels, const std::vector<bool>& low,
+                              double limit, const PlanOptions& options) {
   std::vector<bool> marked(low.size(), false);
   std::vector<std::pair<double, std::size_t>> squares;
   double sum = 0;
   for (std::size_t i = 0; i < low.size(); ++i) {
     if (!low[i]) continue;
-    const int index = static_cast<int>(i);
-    marked[i] = not_calibrated(graph, index, options);
+    const std::optional<double> error = calibrated_error(graph, static_cast<int>(i), *kernels[i], options);
+    marked[i] = !error;
     if (marked[i]) continue;
-    const double error = kCalibrationMargin * options.calibration->find(graph, index)->error;
-    squares.emplace_back(error * error, i);
-    sum += error * error;
+    squares.emplace_back(*error * *error, i);
+    sum += *error * *error;
   }
   std::sort(squares.rbegin(), squares.rend());
   for (const auto& [square, i] : squares) {
-    if (sum <= kInt8Error * kInt8Error) break;
+    if (sum <= limit * limit) break;
     marked[i] = true;
     sum -= square;
   }
   return marked;
 }
-
-using Kernels = std::vector<const Kernel*>;  // by node; null for those that are not computed at a run
 
 /// Without a budget.
 Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& options) {
@@ -111,11 +132,14 @@ Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& opti
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     if (!is_step(graph, plan, static_cast<int>(i))) continue;
     choose(i, options.precision);
-    low[i] = kernels[i]->precision() == Precision::kInt8;
+    low[i] = kernels[i]->precision() != Precision::kFp32;
   }
-  if (options.precision != Precision::kInt8) return kernels;
-  const std::vector<bool> kept =
-      options.calibration != nullptr ? too_inexact(graph, low, options) : network_ends(graph, low);
+  std::vector<bool> kept(kernels.size(), false);
+  if (options.calibration != nullptr)
+    kept = too_inexact(graph, kernels, low, options.precision == Precision::kInt8 ? kInt8Error : kBf16Error,
+                       options);
+  else if (options.precision == Precision::kInt8)
+    kept = network_ends(graph, low);
   for (std::size_t i = 0; i < kernels.size(); ++i)
     if (kept[i]) choose(i, Precision::kFp32);
   return kernels;

@@ -64,15 +64,17 @@ struct Network {
   }
 };
 
-/// A network, and by what factor the model of runtime/error_model.h may be wrong about its error. Trained
-/// networks dampen errors somewhat; gated ones, whose gates and saturated units hide most of them, much; so
-/// does the matte's sigmoid on a photo with a clear subject, where four pixels of five are all but 0 or 1.
+/// A network, and by what factor the model of runtime/error_model.h may be wrong about its error. What
+/// calibrated networks (slide_...) are expected to make is the worst of the calibration's photos, and the
+/// matte's sigmoid hides nearly all of it on a photo with a clear subject, where four pixels of five are all
+/// but 0 or
+/// 1. Gated networks, whose gates and saturated units hide most errors, are not calibrated here.
 struct Expectation {
   const char* model;
   double under, over;
 };
 constexpr Expectation kExpectations[] = {
-    {"slide_depth", 1.2, 5}, {"slide_matte", 1.2, 20}, {"inpaint_coarse", 1.2, 20}};
+    {"slide_depth", 1.2, 10}, {"slide_matte", 1.2, 30}, {"inpaint_coarse", 1.2, 20}};
 
 bool same_bytes(const Tensor& a, const Tensor& b) {
   return a.bytes() == b.bytes() && std::memcmp(a.raw().data(), b.raw().data(), a.bytes()) == 0;
