@@ -96,7 +96,7 @@ WinogradFilterMatrix filter_matrix(int tile) {
   const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile));
   WinogradFilterMatrix g{tile / 2, matrices.g[0][0], {}, {}, {}};
   for (int k = 0; k < g.pairs; ++k) {
-    const std::vector<double>& row = matrices.g[static_cast<std::size_t>(2 * k + 1)];
+    const std::vector<double>& row = matrices.g[2 * static_cast<std::size_t>(k) + 1];
     g.one[k] = row[0];
     g.first[k] = row[1];
     g.square[k] = row[2];
