@@ -11,8 +11,10 @@
 namespace slide::ops {
 namespace {
 
-constexpr std::int64_t kTaskPositions = 96;    // gathered: the weights are read once for them
-constexpr std::int64_t kGatheredDepth = 64;    // words of kTaskPositions: most of the first-level cache
+constexpr std::int64_t kTaskPositions = 96;  // gathered: the weights are read once for them
+// Words of kTaskPositions: most of the first-level cache, which is larger where AVX-512 is. Deeper blocks
+// round more often.
+constexpr std::int64_t kGatheredDepth = 64, kSmallGatheredDepth = 32;
 constexpr std::int64_t kStreamedDepth = 160;   // at most, where a sum in order has that many roundings
 constexpr std::int64_t kFewPanels = 2;         // gathering costs as much as half of one
 constexpr std::int64_t kLocalWords = 3 << 15;  // planes of a task: part of the second-level cache
@@ -29,9 +31,11 @@ std::int64_t equal_part(std::int64_t whole, std::int64_t most) {
 }
 
 /// Blocks of about the root of the depth make the fewest roundings.
-std::int64_t gathered_depth(std::int64_t depth) {
+std::int64_t gathered_depth(std::int64_t depth, Isa isa) {
+  const bool avx512 = isa == Isa::kAvx512 || isa == Isa::kAvx512Bf16;
+  const std::int64_t least = avx512 ? kGatheredDepth : kSmallGatheredDepth;
   const auto root = static_cast<std::int64_t>(std::sqrt(static_cast<double>(depth)));
-  return equal_part(depth, std::max(kGatheredDepth, root));
+  return equal_part(depth, std::max(least, root));
 }
 
 std::int64_t lanes_of(Precision precision) {
@@ -110,7 +114,7 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       lanes_(lanes_of(precision)),
       group_words_(divide_up(g_.group_ic, lanes_)),
       depth_(group_words_ * taps_),
-      block_depth_(gathered_depth(depth_)),
+      block_depth_(gathered_depth(depth_, routines.isa)),
       panels_(divide_up(g_.group_oc, routines.rows)),
       variants_(upsampled_ ? 4 : 1),
       in_place_(!upsampled_ && reads_inside(g_)),
