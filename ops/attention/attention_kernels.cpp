@@ -2,23 +2,15 @@
 
 #include "ops/attention/attention_routines.h"
 #include "ops/simd/math.h"
+#include "ops/simd/partial.h"
 
 namespace slide::ops::SLIDE_ISA {
 namespace {
 
 using simd::Float;
+using simd::load_some;
+using simd::store_some;
 constexpr std::int64_t kWidth = simd::kWidth;
-
-SLIDE_INLINE Float load_some(const float* p, std::int64_t count) {
-  return count >= kWidth ? simd::load(p) : simd::load_partial(p, static_cast<std::size_t>(count));
-}
-
-SLIDE_INLINE void store_some(float* p, Float x, std::int64_t count) {
-  if (count >= kWidth)
-    simd::store(p, x);
-  else
-    simd::store_partial(p, x, static_cast<std::size_t>(count));
-}
 
 void sum(std::span<const float* const> x, const float* scale, float* y, std::int64_t count) {
   for (std::int64_t j = 0; j < count; j += kWidth) {

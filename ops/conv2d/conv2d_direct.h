@@ -14,8 +14,7 @@ namespace slide::ops {
 
 /// A convolution as a product of matrices whose right side is made in pieces that stay in the cache.
 ///
-/// The input is copied into padded planes, split by the stride (rows and columns 0, s, 2s, ..., then 1, s +
-/// 1,
+/// The input is copied into padded planes, split by the stride (rows and columns 0, s, ..., then 1, s + 1,
 /// ...). Then tap (c, u, v) of neighbouring output positions of a row is a run of adjacent numbers, at
 /// offset(c, u, v) behind the same run of tap (0, 0, 0). Few filters multiply these runs where they lie
 /// (streaming). Many filters share a panel: a block of the depth, for some positions, is gathered into a

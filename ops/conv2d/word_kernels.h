@@ -5,12 +5,15 @@
 
 #include "ops/conv2d/conv2d_routines.h"
 #include "ops/simd/lanes.h"
+#include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
 namespace {
 
 using simd::Float;
+using simd::load_some;
+using simd::store_some;
 constexpr std::int64_t kWidth = simd::kWidth;
 
 // Accumulators, the vectors of b and a broadcast fit into the registers: 32 (AVX-512, AArch64) or 16.
@@ -40,17 +43,6 @@ SLIDE_INLINE Bits load_words(const float* words) {
 }
 SLIDE_INLINE void store_words(float* to, Bits bits) { __builtin_memcpy(to, &bits, sizeof bits); }
 SLIDE_INLINE Float as_float(Bits bits) { return simd::from_bits<SLIDE_ISA_WIDTH>(bits); }
-
-/// The first `count` numbers, zeros in the other lanes; all from kWidth on.
-SLIDE_INLINE Float load_some(const float* x, std::int64_t count) {
-  return count >= kWidth ? simd::load(x) : simd::load_partial(x, static_cast<std::size_t>(count));
-}
-SLIDE_INLINE void store_some(float* y, Float value, std::int64_t count) {
-  if (count >= kWidth)
-    simd::store(y, value);
-  else
-    simd::store_partial(y, value, static_cast<std::size_t>(count));
-}
 
 /// NaN stays NaN.
 SLIDE_INLINE Float cut(Float x, float low, float high) {
