@@ -61,9 +61,10 @@ bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
          g.group_ic * g.stride_y * g.stride_x < kLargest / padded;
 }
 
-/// A residual is added to the sums in registers unless something comes between.
+/// A residual is added to the sums in registers unless something but a cut comes between.
 Conv2dFusion after_the_sums(Conv2dFusion fusion) {
-  const bool between = fusion.gate || fusion.upsample_input || (fusion.residual_last && fusion.activation);
+  const bool function = fusion.residual_last && fusion.activation && !only_cuts(*fusion.activation);
+  const bool between = fusion.gate || fusion.upsample_input || function;
   fusion.residual = fusion.residual && between;
   return fusion;
 }
@@ -104,6 +105,7 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
       gated_(fusion.gate),
       upsampled_(fusion.upsample_input),
       relu_input_(fusion.relu_input),
+      residual_last_(fusion.residual_last),
       least_(relu_input_ ? 0.0F : -std::numeric_limits<float>::infinity()),
       epilogue_(after_the_sums(fusion), routines.isa, true),
       in_height_(upsampled_ ? g_.height / 2 : g_.height),
@@ -267,7 +269,7 @@ void Conv2dDirect::multiply(const Call& call, const Task& t, std::int64_t panel,
       {packed + (group * panels_ * depth_ + panels_ * k + panel * depth) * rows, b,
        streaming_ ? offsets : nullptr, depth, std::min(rows, g_.group_oc - panel * rows), count,
        k == 0 ? values : nullptr, sums, last, values + rows_size(), values + 2 * rows_size(), residual,
-       epilogue_.low(), epilogue_.high(), to_y ? call.arrays.y + at : sums,
+       residual_last_, epilogue_.low(), epilogue_.high(), to_y ? call.arrays.y + at : sums,
        to_y ? g_.oplane() : routines_.columns});
   if (last && !to_y) write_rows(call, t, panel, first, count, sums);
 }

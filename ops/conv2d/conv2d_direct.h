@@ -91,7 +91,7 @@ class Conv2dDirect {
   const Conv2dRoutines& routines_;
   Conv2dGeometry g_;
   Precision precision_;
-  bool gated_, upsampled_, relu_input_;
+  bool gated_, upsampled_, relu_input_, residual_last_;
   float least_;  // of x, where x is cut
   Conv2dEpilogue epilogue_;
   std::int64_t in_height_, in_width_;    // of x

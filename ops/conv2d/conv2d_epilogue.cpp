@@ -6,19 +6,23 @@
 
 namespace slide::ops {
 
+bool only_cuts(const UnaryOp& activation) noexcept {
+  const UnaryKind kind = activation.kind();
+  return kind == UnaryKind::kRelu || kind == UnaryKind::kRelu6 || kind == UnaryKind::kClip;
+}
+
 Conv2dEpilogue::Conv2dEpilogue(const Conv2dFusion& fusion, Isa isa, bool clamps)
     : residual_last_(fusion.residual_last) {
   const PointwiseRoutines& routines = pointwise_routines_of(isa);
   add_ = routines.binary[static_cast<std::size_t>(BinaryKind::kAdd)];
   if (!fusion.activation) return;
   const UnaryRow row = unary_row(*fusion.activation, routines);
-  if (clamps && !fusion.residual && !fusion.gate) {
+  const bool right_after = !fusion.gate && (!fusion.residual || fusion.residual_last);
+  if (clamps && right_after && only_cuts(*fusion.activation)) {
     const UnaryKind kind = fusion.activation->kind();
-    if (kind == UnaryKind::kRelu || kind == UnaryKind::kRelu6 || kind == UnaryKind::kClip) {
-      low_ = kind == UnaryKind::kClip ? row.a : 0;
-      if (kind != UnaryKind::kRelu) high_ = kind == UnaryKind::kClip ? row.b : 6;
-      return;
-    }
+    low_ = kind == UnaryKind::kClip ? row.a : 0;
+    if (kind != UnaryKind::kRelu) high_ = kind == UnaryKind::kClip ? row.b : 6;
+    return;
   }
   function_ = row.function;
   a_ = row.a;

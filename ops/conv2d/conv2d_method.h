@@ -47,6 +47,9 @@ struct Conv2dArrays {
 //   void run(const Conv2dArrays&, std::span<std::byte> scratch) const
 // With Conv2dFusion::upsample_input the geometry's input is the upsampled one, x the one before.
 
+/// Whether an activation only cuts its argument to a range.
+[[nodiscard]] bool only_cuts(const UnaryOp& activation) noexcept;
+
 /// The end of a convolution, for rows of finished sums: residual, activation, gate.
 class Conv2dEpilogue {
  public:

@@ -43,6 +43,7 @@ struct WordProduct {
   const float* step;  ///< in the last block, integers: y = sum · step + bias for each row
   const float* bias;
   const float* residual;  ///< in the last block: added, laid out like y; may be null
+  bool residual_last;     ///< ... behind the cut
   float low, high;        ///< to which results are cut
   float* y;               ///< in the last block
   std::int64_t y_stride;  ///< from row to row; nothing is written behind row_count and column_count

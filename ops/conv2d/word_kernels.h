@@ -173,6 +173,13 @@ struct Int8 {
 // Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
 #define SLIDE_UNROLLED _Pragma("GCC unroll 8")
 
+/// `end`: how many words of the last vector there are.
+template <int V>
+SLIDE_INLINE void add_residual(const float* residual, Float (&values)[V], std::int64_t end) {
+  SLIDE_UNROLLED for (int v = 0; v < V - 1; ++v) values[v] = values[v] + simd::load(residual + v * kWidth);
+  values[V - 1] = values[V - 1] + load_some(residual + (V - 1) * kWidth, end);
+}
+
 /// What the last block does with finished sums; `end`: how many words of a row's last vector there are.
 template <typename P, int R, int V>
 SLIDE_INLINE void write_sums(const WordProduct& p, const typename P::Sum (&sums)[R][V], std::int64_t end) {
@@ -183,13 +190,10 @@ SLIDE_INLINE void write_sums(const WordProduct& p, const typename P::Sum (&sums)
       float* y = p.y + m * p.y_stride;
       Float values[V];
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) values[v] = P::result(p, m, sums[m][v]);
-      if (p.residual != nullptr) {
-        const float* residual = p.residual + m * p.y_stride;
-        SLIDE_UNROLLED for (int v = 0; v < V - 1; ++v) values[v] =
-            values[v] + simd::load(residual + v * kWidth);
-        values[V - 1] = values[V - 1] + load_some(residual + (V - 1) * kWidth, end);
-      }
+      const bool added = p.residual != nullptr;
+      if (added && !p.residual_last) add_residual(p.residual + m * p.y_stride, values, end);
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) values[v] = simd::min(high, simd::max(low, values[v]));
+      if (added && p.residual_last) add_residual(p.residual + m * p.y_stride, values, end);
       SLIDE_UNROLLED for (int v = 0; v < V - 1; ++v) simd::store(y + v * kWidth, values[v]);
       store_some(y + (V - 1) * kWidth, values[V - 1], end);
     }
