@@ -67,6 +67,7 @@ constexpr double kMostProducts2 = 0.6, kMostProducts = 0.4;  // of 9 for an outp
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
 constexpr std::int64_t kSkew = 16;
+constexpr std::int64_t kCacheLine = 16;  // floats
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 std::int64_t round_up(std::int64_t a, std::int64_t b) { return divide_up(a, b) * b; }
@@ -114,10 +115,32 @@ struct InputMemory {
 
 InputMemory input_memory(const Conv2dGeometry& g, std::int64_t tile, std::int64_t line_tiles) {
   const std::int64_t groups = divide_up(line_tiles, g.dilation_x) + 1;
-  return {
-      round_up(g.width, kRowAlignment),
-      (g.dilation_x == 1 ? round_up(groups, kRowAlignment) : groups) * tile * g.dilation_x + kRowAlignment,
-      round_up(groups * g.dilation_x, kRowAlignment) + 2 * kRowAlignment};
+  const std::int64_t read = tile * std::max(groups * g.dilation_x, line_tiles + kRowAlignment);
+  return {round_up(g.width, kRowAlignment), round_up(read, kRowAlignment) + 2 * kRowAlignment,
+          round_up(groups * g.dilation_x, kRowAlignment) + 2 * kRowAlignment};
+}
+
+/// What is left to do with rows of sums if the output transform adds the residual itself.
+Conv2dFusion without_residual(Conv2dFusion fusion) {
+  fusion.residual = false;
+  return fusion;
+}
+
+/// Whether the output transform can finish its rows: they are adjacent columns, and a clamp is all that
+/// happens to them beside the residual.
+bool finishes_rows(const Conv2dGeometry& g, const Conv2dFusion& fusion, Isa isa) {
+  return g.dilation_x == 1 && !fusion.gate &&
+         Conv2dEpilogue(without_residual(fusion), isa, true).empty(nullptr);
+}
+
+/// What the next filter's rows will be written to and added.
+void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
+  for (std::int64_t i = 0; i < out.rows; ++i)
+    for (std::int64_t j = 0; j < out.columns; j += kCacheLine) {
+      const std::int64_t at = plane + i * out.row_size + j;
+      __builtin_prefetch(out.y + at, 1);
+      if (out.residual != nullptr) __builtin_prefetch(out.residual + at);
+    }
 }
 
 }  // namespace
@@ -149,7 +172,9 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
       g_(geometry),
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
-      epilogue_(fusion, routines.isa),
+      finishes_rows_(finishes_rows(geometry, fusion, routines.isa)),
+      residual_last_(fusion.residual_last),
+      epilogue_(finishes_rows_ ? without_residual(fusion) : fusion, routines.isa, finishes_rows_),
       tile_(tile),
       frequencies_((tile + 2) * (tile + 2)),
       points_(points_of(tile)),
@@ -351,9 +376,9 @@ void Conv2dWinogradBase::transform_channel(const Strip& strip, std::int64_t chan
   in.relu = relu_input_;
   in.dilation = g_.dilation_x;
   in.tiles = strip.line_tiles;
-  in.buffer = memory + sizes.zeros;
+  in.buffer = memory + sizes.zeros + round_up(in.left, kRowAlignment) - in.left;  // stores are aligned
   in.row_size = sizes.row_size;
-  in.phases = in.buffer + (tile_ + 2) * sizes.row_size;
+  in.phases = memory + sizes.zeros + (tile_ + 2) * sizes.row_size;
   in.phase_size = sizes.phase_size;
   in.v = v + channel * winograd_.columns;
   in.columns = winograd_.columns;
@@ -385,26 +410,22 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   const std::int64_t last_filter = std::min(first_filter + task_panels_, panels_);
   const std::int64_t block = (last_filter - first_filter) * rows * columns;  // of a panel of tiles
   const auto* u = static_cast<const float*>(static_cast<const void*>(arrays.packed));
+  WinogradProduct p{};
+  p.block = block_depth_;
+  p.row_count = std::min(last_filter * rows, g_.oc) - first_filter * rows;
   for (std::int64_t f = 0; f < frequencies_; ++f)
     for (std::int64_t c = 0; c < g_.ic; c += part_depth_) {
-      WinogradProduct p{};
       p.depth = std::min(part_depth_, g_.ic - c);
-      p.block = block_depth_;
       p.add = c > 0;
+      p.a = u + ((f * g_.ic + c) * panels_ + first_filter * p.depth) * rows;
       p.next_b = v + f * strip.frequency_stride + first_panel * strip.panel_stride + (c + p.depth) * columns;
       if (c + p.depth == g_.ic) p.next_b += strip.frequency_stride - strip.panel_stride;
-      for (std::int64_t filter = first_filter; filter < last_filter; ++filter) {
-        p.a = u + ((f * g_.ic + c) * panels_ + filter * p.depth) * rows;
-        p.next_a = p.a + p.depth * rows;
-        p.row_count = std::min(rows, g_.oc - filter * rows);
-        for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
-          p.b = v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns;
-          p.c = memory + f * product_stride_ + (panel - first_panel) * block +
-                (filter - first_filter) * rows * columns;
-          p.column_count = std::min(columns, strip.tiles() - panel * columns);
-          winograd_.multiply(p);
-          p.next_b += 16 * p.depth;
-        }
+      for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
+        p.b = v + f * strip.frequency_stride + panel * strip.panel_stride + c * columns;
+        p.c = memory + f * product_stride_ + (panel - first_panel) * block;
+        p.column_count = std::min(columns, strip.tiles() - panel * columns);
+        winograd_.multiply(p);
+        p.next_b += (last_filter - first_filter) * p.depth * kCacheLine;
       }
     }
   float* sums = memory + frequencies_ * product_stride_ + kRowAlignment;
@@ -426,18 +447,34 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
 /// A gated filter's feature comes before its gate; both are written together.
 void Conv2dWinogradBase::transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                                            float* sums) const {
-  const std::int64_t row_size = tile_ * round_up(winograd_.columns, kRowAlignment);
   WinogradOutput out{};
   out.frequency_stride = product_stride_;
   out.tiles = run.last - run.first;
   out.interleave = g_.dilation_x == 1;
-  out.row_size = row_size;
+  out.rows = std::min<std::int64_t>(tile_, divide_up(g_.oheight - run.row, g_.dilation_y));
+  out.row_size = tile_ * round_up(winograd_.columns, kRowAlignment);
+  out.columns = out.row_size;
+  out.low = epilogue_.low();
+  out.high = epilogue_.high();
+  out.residual_last = residual_last_;
+  const std::int64_t gate = tile_ * out.row_size;  // from the feature's sums to the gate's
+  if (finishes_rows_) {
+    out.row_size = g_.dilation_y * g_.owidth;
+    out.columns = std::min(out.tiles * tile_, g_.owidth - run.first * tile_);
+  }
   for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
     out.m = products + (row - run.first_filter) * winograd_.columns;
     out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
-    out.sums = gated_ && row % 2 == 1 ? sums + tile_ * row_size : sums;
+    out.y = gated_ && row % 2 == 1 ? sums + gate : sums;
+    if (finishes_rows_) {
+      const std::int64_t at =
+          (run.image * g_.oc + row) * g_.oplane() + run.row * g_.owidth + run.first * tile_;
+      out.y = arrays.y + at;
+      out.residual = arrays.residual != nullptr ? arrays.residual + at : nullptr;
+      if (row + 1 < run.last_filter) prefetch_rows(out, g_.oplane());
+    }
     transforms_.output(points_, out);
-    if (!gated_ || row % 2 == 1) write_filter(run, row, sums, arrays);
+    if (!finishes_rows_ && (!gated_ || row % 2 == 1)) write_filter(run, row, sums, arrays);
   }
 }
 
@@ -457,10 +494,12 @@ void Conv2dWinogradBase::write_filter(const Run& run, std::int64_t row, float* s
                             std::int64_t count) {
       count = std::min(count, g_.owidth - column);
       if (count <= 0) return;
-      if (gated_) routines_.gate(values, values + gate_distance, values, count);
       const std::int64_t at = plane + (run.row + i * g_.dilation_y) * g_.owidth + column;
-      epilogue_.finish(values, arrays.residual != nullptr ? arrays.residual + at : nullptr, arrays.y + at,
-                       count);
+      const float* residual = arrays.residual != nullptr ? arrays.residual + at : nullptr;
+      if (gated_ && epilogue_.empty(residual))
+        return routines_.gate(values, values + gate_distance, arrays.y + at, count);
+      if (gated_) routines_.gate(values, values + gate_distance, values, count);
+      epilogue_.finish(values, residual, arrays.y + at, count);
     };
     if (d == 1) {
       finish(from, gate, run.first * tile_, (run.last - run.first) * tile_);

@@ -81,6 +81,8 @@ class Conv2dWinogradBase {
   const WinogradTransforms& transforms_;
   Conv2dGeometry g_;
   bool gated_, relu_input_;
+  bool finishes_rows_;  // the output transform does, with residual and clamp
+  bool residual_last_;
   Conv2dEpilogue epilogue_;
   int tile_;                  // m
   std::int64_t frequencies_;  // (m + 2)²

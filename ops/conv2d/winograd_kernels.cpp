@@ -1,10 +1,9 @@
 // The inner loops of Winograd convolutions.
 //
-// Transforms: lanes = adjacent tiles of a line. Input: the vertical transform
-// runs along whole image rows, where neighbouring tiles share their columns; its rows are split into the
-// phases of the columns (column m·t + p of tile t becomes phase p, lane t), and from those the horizontal
-// transform takes its vectors. Output: both transforms in registers, and the columns' vectors are zipped into
-// rows.
+// Transforms: lanes = adjacent tiles of a line. Input: the vertical transform runs along whole image rows,
+// where neighbouring tiles share their columns; its rows are split into the phases of the columns (column
+// m·t + p of tile t is phase p, lane t), which the horizontal transform takes. Output: both transforms in
+// registers, and the columns' vectors are zipped into rows, which residual and clamp finish.
 //
 // With points 0, ±p_1 .. ±p_N, ∞ the rows of Bᵀ are products of the factors L_k = x² - p_k² and x² ± p_k·x:
 // an even and an odd half, each from nested L_k, shared by a pair. All coefficients are p and p², so a term
@@ -18,6 +17,7 @@
 
 #include "ops/conv2d/winograd_routines.h"
 #include "ops/simd/lanes.h"
+#include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -102,35 +102,27 @@ using simd::odd;
 using simd::zip_high;
 using simd::zip_low;
 
-/// Phase p of the columns, for tiles 0 <= t < count: phases[p][t] = row[M·t + p].
+/// Columns M·t + p of kWidth tiles t, for p < M: phase[p].
 template <int M>
-SLIDE_INLINE void split_columns(const float* row, std::int64_t count, float* phases, std::int64_t size) {
-  if constexpr (M == 6) {
-    for (std::int64_t t = 0; t < count; ++t)
-      for (int p = 0; p < M; ++p) phases[p * size + t] = row[M * t + p];
+SLIDE_INLINE void split_columns(const float* row, Float* phase) {
+  static_assert(M == 2 || M == 4);
+  Float v[M];
+  for (int i = 0; i < M; ++i) v[i] = simd::load(row + i * kWidth);
+  if constexpr (M == 2) {
+    phase[0] = even(v[0], v[1]);
+    phase[1] = odd(v[0], v[1]);
   } else {
-    for (std::int64_t t = 0; t < count; t += kWidth, row += M * kWidth, phases += kWidth) {
-      Float v[M];
-      for (int i = 0; i < M; ++i) v[i] = simd::load(row + i * kWidth);
-      for (int i = 0; i < M; i += 2) {
-        const Float e = even(v[i], v[i + 1]);
-        v[i + 1] = odd(v[i], v[i + 1]);
-        v[i] = e;
-      }
-      if constexpr (M == 2) {
-        simd::store(phases, v[0]);
-        simd::store(phases + size, v[1]);
-      } else {
-        simd::store(phases, even(v[0], v[2]));
-        simd::store(phases + size, even(v[1], v[3]));
-        simd::store(phases + 2 * size, odd(v[0], v[2]));
-        simd::store(phases + 3 * size, odd(v[1], v[3]));
-      }
-    }
+    const Float low[2] = {even(v[0], v[1]), even(v[2], v[3])};
+    const Float high[2] = {odd(v[0], v[1]), odd(v[2], v[3])};
+    phase[0] = even(low[0], low[1]);
+    phase[1] = even(high[0], high[1]);
+    phase[2] = odd(low[0], low[1]);
+    phase[3] = odd(high[0], high[1]);
   }
 }
 
-/// The same for groups of `dilation` adjacent columns, one for each of as many tiles.
+/// Phase p of groups of `dilation` adjacent columns, one for each of as many tiles: phases[p][t] is column p
+/// of tile t.
 template <int M>
 void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, float* phases,
                   std::int64_t size) {
@@ -149,12 +141,14 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
     for (std::int64_t j = 0; j < in.left; ++j) row[j] = 0;
     for (std::int64_t j = in.left + in.count; j < in.used; ++j) row[j] = 0;
   }
+  const float* rows[M + 2];
+  for (int u = 0; u < M + 2; ++u) rows[u] = in.rows[u];
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;
     const auto rest = static_cast<std::size_t>(in.count - j);
     Float d[M + 2];
     for (int u = 0; u < M + 2; ++u)
-      d[u] = whole ? simd::load(in.rows[u] + j) : simd::load_partial(in.rows[u] + j, rest);
+      d[u] = whole ? simd::load(rows[u] + j) : simd::load_partial(rows[u] + j, rest);
     if (in.relu)
       for (Float& value : d) value = simd::max(simd::zero(), value);
     transform_input<M>(square, point, d);
@@ -168,22 +162,22 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
   }
 }
 
-/// The horizontal transform of one transformed row, from its phases to the panels.
-template <int M>
-SLIDE_INLINE void transform_phases(const Float* square, const Float* point, const WinogradInput& in,
-                                   const float* phases, float* v) {
+/// The horizontal transform of one transformed row, to the panels: load(t, d) gives columns 0 .. M+1 of the
+/// tiles from t on.
+template <int M, typename Load>
+SLIDE_INLINE void transform_columns(const Float* square, const Float* point, const WinogradInput& in,
+                                    const Load& load, float* v) {
   std::int64_t column = in.first % in.columns;
   float* panel = v + in.first / in.columns * in.panel_stride;
   for (std::int64_t t = 0; t < in.tiles;) {
     const std::int64_t end = in.tiles - t < in.columns - column ? in.tiles : t + in.columns - column;
     for (; t < end; t += kWidth, column += kWidth) {
       Float d[M + 2];
-      for (int p = 0; p < M; ++p) d[p] = simd::load(phases + p * in.phase_size + t);
-      for (int p = 0; p < 2; ++p) d[M + p] = simd::load(phases + p * in.phase_size + in.dilation + t);
+      load(t, d);
       transform_input<M>(square, point, d);
+      float* to = panel + column;
       const std::int64_t room = in.columns - column;
-      for (int f = 0; f < M + 2; ++f) {
-        float* to = panel + f * in.frequency_stride + column;
+      for (int f = 0; f < M + 2; ++f, to += in.frequency_stride) {
         if (room >= kWidth)
           simd::store(to, d[f]);
         else
@@ -197,45 +191,80 @@ SLIDE_INLINE void transform_phases(const Float* square, const Float* point, cons
 }
 
 template <int M>
-void input(const WinogradPoints& points, const WinogradInput& in) {
+void input(const WinogradPoints& points, const WinogradInput& line) {
+  const WinogradInput in = line;  // stores may change what a reference is to, as far as the compiler knows
   Float square[M / 2], point[M / 2];
   for (int k = 0; k < M / 2; ++k) {
     square[k] = simd::broadcast(points.square[k]);
     point[k] = simd::broadcast(points.power[k][1]);
   }
   transform_rows<M>(square, point, in);
-  const std::int64_t groups = (in.tiles + in.dilation - 1) / in.dilation + 1;
-  for (int u = 0; u < M + 2; ++u) {
-    const float* row = in.buffer + u * in.row_size;
-    float* phases = in.phases + u * M * in.phase_size;
-    if (in.dilation == 1)
-      split_columns<M>(row, groups, phases, in.phase_size);
-    else
-      split_groups<M>(row, in.dilation, groups, phases, in.phase_size);
+  if constexpr (M != 6) {
+    if (in.dilation == 1) {
+      for (int u = 0; u < M + 2; ++u) {
+        const float* row = in.buffer + u * in.row_size;
+        const auto load = [row](std::int64_t t, Float* d) {
+          split_columns<M>(row + M * t, d);
+          for (int p = 0; p < 2; ++p) d[M + p] = simd::shift_in(d[p], row[M * (t + kWidth) + p]);
+        };
+        transform_columns<M>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
+      }
+      return;
+    }
   }
+  const std::int64_t groups = (in.tiles + in.dilation - 1) / in.dilation + 1;
   for (int u = 0; u < M + 2; ++u)
-    transform_phases<M>(square, point, in, in.phases + u * M * in.phase_size,
-                        in.v + u * (M + 2) * in.frequency_stride);
+    split_groups<M>(in.buffer + u * in.row_size, in.dilation, groups, in.phases + u * M * in.phase_size,
+                    in.phase_size);
+  for (int u = 0; u < M + 2; ++u) {
+    const float* phases = in.phases + u * M * in.phase_size;
+    const auto load = [phases, &in](std::int64_t t, Float* d) {
+      for (int p = 0; p < M; ++p) d[p] = simd::load(phases + p * in.phase_size + t);
+      for (int p = 0; p < 2; ++p) d[M + p] = simd::load(phases + p * in.phase_size + in.dilation + t);
+    };
+    transform_columns<M>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
+  }
 }
 
-/// A row of tiles as adjacent columns.
+/// Rows of the tiles' columns, as adjacent columns.
 template <int M>
-SLIDE_INLINE void store_columns(const Float* y, float* to) {
+SLIDE_INLINE void join_columns(const Float* y, Float* columns) {
   if constexpr (M == 2) {
-    simd::store(to, zip_low(y[0], y[1]));
-    simd::store(to + kWidth, zip_high(y[0], y[1]));
+    columns[0] = zip_low(y[0], y[1]);
+    columns[1] = zip_high(y[0], y[1]);
   } else if constexpr (M == 4) {
     const Float a = zip_low(y[0], y[2]), b = zip_low(y[1], y[3]);
     const Float c = zip_high(y[0], y[2]), d = zip_high(y[1], y[3]);
-    simd::store(to, zip_low(a, b));
-    simd::store(to + kWidth, zip_high(a, b));
-    simd::store(to + 2 * kWidth, zip_low(c, d));
-    simd::store(to + 3 * kWidth, zip_high(c, d));
+    columns[0] = zip_low(a, b);
+    columns[1] = zip_high(a, b);
+    columns[2] = zip_low(c, d);
+    columns[3] = zip_high(c, d);
   } else {
-    float lanes[M][kWidth];
+    float lanes[M][kWidth], joined[M * kWidth];
     for (int j = 0; j < M; ++j) simd::store(lanes[j], y[j]);
     for (int t = 0; t < simd::kWidth; ++t)
-      for (int j = 0; j < M; ++j) to[M * t + j] = lanes[j][t];
+      for (int j = 0; j < M; ++j) joined[M * t + j] = lanes[j][t];
+    for (int j = 0; j < M; ++j) columns[j] = simd::load(joined + j * kWidth);
+  }
+}
+
+/// Row i of kWidth tiles, from the first on, at its place in y.
+template <int M>
+SLIDE_INLINE void finish_row(const WinogradOutput& run, const Float* row, int i, std::int64_t first) {
+  Float columns[M];
+  join_columns<M>(row, columns);
+  const Float low = simd::broadcast(run.low), high = simd::broadcast(run.high);
+  const std::int64_t at = i * run.row_size + M * first;
+  const std::int64_t count = run.columns - M * first;
+  for (int j = 0; j < M; ++j) {
+    const std::int64_t rest = count - j * kWidth;
+    if (rest <= 0) return;
+    Float residual = simd::zero();
+    if (run.residual != nullptr) residual = simd::load_some(run.residual + at + j * kWidth, rest);
+    if (run.residual != nullptr && !run.residual_last) columns[j] = columns[j] + residual;
+    columns[j] = simd::min(high, simd::max(low, columns[j]));
+    if (run.residual != nullptr && run.residual_last) columns[j] = columns[j] + residual;
+    simd::store_some(run.y + at + j * kWidth, columns[j], rest);
   }
 }
 
@@ -251,13 +280,14 @@ void output(const WinogradPoints& points, const WinogradOutput& run) {
       for (int i = 0; i < M; ++i) rows[i][f] = m[i];
     }
     for (int i = 0; i < M; ++i) {
+      if (i >= run.rows) break;
       transform_output<M>(points, rows[i]);
       for (int j = 0; j < M; ++j) rows[i][j] = rows[i][j] + bias;
-      float* to = run.sums + i * run.row_size;
       if (run.interleave)
-        store_columns<M>(rows[i], to + M * t);
+        finish_row<M>(run, rows[i], i, t);
       else
-        for (int j = 0; j < M; ++j) simd::store(to + j * (run.row_size / M) + t, rows[i][j]);
+        for (int j = 0; j < M; ++j)
+          simd::store(run.y + i * run.row_size + j * (run.row_size / M) + t, rows[i][j]);
     }
   }
 }
@@ -277,18 +307,22 @@ constexpr std::int64_t kColumns = kVectors * kWidth;
 constexpr int kNear = 3, kFar = 2;       // of __builtin_prefetch: first-level cache, second-level cache
 constexpr std::int64_t kCacheLine = 16;  // floats
 
+// Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
+#define SLIDE_UNROLLED _Pragma("GCC unroll 12")
+
+/// One block of R = rows of adjacent panels of weights by V vectors.
 template <int R, int V>
 SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, std::int64_t last,
                                  Float (&block)[R][V]) {
   for (std::int64_t k = first; k < last; ++k) {
     const float* a = p.a + k * kRows;
     const float* b = p.b + k * kColumns;
-    __builtin_prefetch(p.next_a + k * kRows, 0, kNear);
+    for (int m = 0; m < R; m += kRows) __builtin_prefetch(a + (p.depth * (R + m)), 0, kNear);
     __builtin_prefetch(p.next_b + k * kCacheLine, 0, kFar);
     Float right[V];
     for (int v = 0; v < V; ++v) right[v] = simd::load(b + v * kWidth);
-    for (int m = 0; m < R; ++m) {
-      const Float left = simd::broadcast(a[m]);
+    SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+      const Float left = simd::broadcast(a[m / kRows * kRows * p.depth + m % kRows]);
       for (int v = 0; v < V; ++v) block[m][v] = simd::fma(left, right[v], block[m][v]);
     }
   }
@@ -297,34 +331,44 @@ SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, s
 template <int R, int V>
 void multiply_panel(const WinogradProduct& p) {
   Float sums[R][V];
-  for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v)
-      sums[m][v] = p.add ? simd::load(p.c + m * kColumns + v * kWidth) : simd::zero();
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
+      p.add ? simd::load(p.c + m * kColumns + v * kWidth) : simd::zero();
   for (std::int64_t k = 0; k < p.depth; k += p.block) {
     Float products[R][V];
-    for (int m = 0; m < R; ++m)
-      for (int v = 0; v < V; ++v) products[m][v] = simd::zero();
+    SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) products[m][v] = simd::zero();
     multiply_block<R, V>(p, k, k + p.block < p.depth ? k + p.block : p.depth, products);
-    for (int m = 0; m < R; ++m)
-      for (int v = 0; v < V; ++v) sums[m][v] = sums[m][v] + products[m][v];
+    SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
+        sums[m][v] + products[m][v];
   }
-  for (int m = 0; m < R; ++m)
-    for (int v = 0; v < V; ++v) simd::store(p.c + m * kColumns + v * kWidth, sums[m][v]);
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v)
+      simd::store(p.c + m * kColumns + v * kWidth, sums[m][v]);
 }
 
-template <int R>
-void multiply_rows(const WinogradProduct& p) {
-  if constexpr (kVectors > 2)
-    if (p.column_count > 2 * kWidth) return multiply_panel<R, kVectors>(p);
-  if (p.column_count > kWidth) return multiply_panel<R, 2>(p);
-  multiply_panel<R, 1>(p);
+/// Of one vector of columns, more rows at once: sums enough to hide how long an addition takes.
+constexpr int kNarrowPanels = 12 / kRows;
+
+template <int V>
+void multiply_panels(WinogradProduct p) {
+  const auto advance = [&p](std::int64_t panels) {
+    p.a += panels * p.depth * kRows;
+    p.c += panels * kRows * kColumns;
+    p.next_b += panels * p.depth * kCacheLine;
+    p.row_count -= panels * kRows;
+  };
+  if constexpr (V == 1)
+    for (; p.row_count >= kNarrowPanels * kRows; advance(kNarrowPanels))
+      multiply_panel<kNarrowPanels * kRows, V>(p);
+  for (; p.row_count > kRows - 2; advance(1)) multiply_panel<kRows, V>(p);
+  if constexpr (kRows > 4)
+    if (p.row_count > 2) return multiply_panel<4, V>(p);
+  if (p.row_count > 0) multiply_panel<2, V>(p);
 }
 
 void multiply(const WinogradProduct& p) {
-  if constexpr (kRows > 4)
-    if (p.row_count > 4) return multiply_rows<kRows>(p);
-  if (p.row_count > 2) return multiply_rows<4>(p);
-  multiply_rows<2>(p);
+  if constexpr (kVectors > 2)
+    if (p.column_count > 2 * kWidth) return multiply_panels<kVectors>(p);
+  if (p.column_count > kWidth) return multiply_panels<2>(p);
+  multiply_panels<1>(p);
 }
 
 }  // namespace

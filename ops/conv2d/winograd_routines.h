@@ -21,7 +21,7 @@ struct WinogradInput {
   bool relu;                 ///< x is max(x, 0)
   std::int64_t dilation;     ///< horizontal
   std::int64_t tiles;        ///< of the line
-  float* buffer;             ///< m + 2 rows of row_size
+  float* buffer;             ///< m + 2 rows of row_size, of which a vector's tiles beyond the last are read
   std::int64_t row_size;
   float* phases;  ///< (m + 2)·m rows of phase_size
   std::int64_t phase_size;
@@ -38,9 +38,14 @@ struct WinogradOutput {
   std::int64_t frequency_stride;
   std::int64_t tiles;
   float bias;
-  bool interleave;  ///< rows of adjacent columns; else a row's m columns one after the other
-  float* sums;      ///< row i of the tiles starts at i·row_size
+  std::int64_t rows;  ///< of the tiles, that are wanted
+  float* y;           ///< row i of the tiles starts at i·row_size
   std::int64_t row_size;
+  bool interleave;  ///< rows of adjacent columns, which are finished as below
+  std::int64_t columns;
+  const float* residual;  ///< as y, or null
+  bool residual_last;     ///< added after the clamp
+  float low, high;        ///< the clamp
 };
 
 /// The transforms of one tile size.
@@ -48,23 +53,23 @@ struct WinogradTransforms {
   /// V = Bᵀ d B of a line's tiles. Up to a vector of the panels' columns after the line's last tile is
   /// overwritten, within the panel.
   void (*input)(const WinogradPoints& points, const WinogradInput& line);
-  /// Aᵀ M A + bias. Interleaved, sums[i][m·t + j] is row i and column j of tile t, else sums[i][j][t] with
-  /// rows j of row_size / m; sums is written up to a multiple of the vector width of tiles.
+  /// Aᵀ M A + bias. Interleaved, y[i][m·t + j] is row i and column j of tile t, for m·t + j < columns; else
+  /// y[i][j][t] with rows j of row_size / m, written up to a multiple of the vector width of tiles.
   void (*output)(const WinogradPoints& points, const WinogradOutput& run);
 };
 
-/// c[m, j] = sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
-/// column_count <= columns and perhaps others within the panel; plus what c was, if `add`. Blocks of `block`
-/// products are summed in order, then c and the blocks in order.
+/// c[m, j] = sum over k < depth of a[m / rows][k][m % rows] · b[k][j], for all m < row_count and j <
+/// column_count <= columns and perhaps others within their panels; plus what c was, if `add`. Blocks of
+/// `block` products are summed in order, then c and the blocks in order. Another panel of a may be fetched
+/// into the first-level cache.
 struct WinogradProduct {
-  const float* a;
-  const float* b;
+  const float* a;  ///< adjacent panels
+  const float* b;  ///< one panel
   std::int64_t depth, block;
   bool add;
   float* c;  ///< rows of `columns`
   std::int64_t row_count, column_count;
-  const float* next_a;  ///< as much as of a, wanted in the first-level cache next
-  const float* next_b;  ///< as much as depth cache lines, wanted in the second-level cache
+  const float* next_b;  ///< for each panel of a, depth cache lines that are wanted in the second-level cache
 };
 
 /// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
