@@ -9,6 +9,10 @@
 
 #include "runtime/error.h"
 
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
 namespace slide {
 namespace {
 
@@ -70,11 +74,27 @@ float to_float_round_odd(double value) {
   return odd;
 }
 
+constexpr std::size_t kHugePage = std::size_t{2} << 20;
+
+/// Of kAlignment at least; null if there is none. A large block asks for huge pages: planes lie further apart
+/// than a page, so that a kernel that walks through the channels would wait for address translations, and
+/// each small page would be faulted in by itself.
+void* allocate(std::size_t size) {
+  if (size < 2 * kHugePage) return std::aligned_alloc(Tensor::kAlignment, size);
+  if (size > std::numeric_limits<std::size_t>::max() - kHugePage) return nullptr;
+  size = (size + kHugePage - 1) / kHugePage * kHugePage;
+  void* memory = std::aligned_alloc(kHugePage, size);
+#if defined(__linux__)
+  if (memory != nullptr) (void)::madvise(memory, size, MADV_HUGEPAGE);  // a wish
+#endif
+  return memory;
+}
+
 }  // namespace
 
 Tensor::Tensor(DType type, const Shape& shape) : type_(type), shape_(shape), writable_(true) {
   const std::size_t size = aligned(std::max<std::size_t>(bytes(), 1));
-  void* memory = std::aligned_alloc(kAlignment, size);
+  void* memory = allocate(size);
   if (memory == nullptr)
     throw Error(ErrorKind::kOutOfMemory,
                 "no memory for a tensor of shape " + shape.text() + ", " + std::to_string(size) + " bytes");
