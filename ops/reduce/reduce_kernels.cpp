@@ -17,26 +17,28 @@ double sum_of_lanes(const Doubles& lanes) {
   return sum;
 }
 
-double sum(const float* x, std::size_t count) {
-  Doubles lanes{};
+/// The sum of x - centre, or of its squares; several vectors at once, since an addition waits for the one
+/// before.
+template <bool kSquares>
+double sum_around(const float* x, std::size_t count, double centre) {
+  constexpr std::size_t kChains = 4;
+  Doubles lanes[kChains]{};
   std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) lanes += __builtin_convertvector(simd::load(x + i).v, Doubles);
-  double total = sum_of_lanes(lanes);
-  for (; i < count; ++i) total += static_cast<double>(x[i]);
+  for (; i + kChains * kWidth <= count; i += kChains * kWidth)
+    for (std::size_t k = 0; k < kChains; ++k) {
+      const Doubles d = __builtin_convertvector(simd::load(x + i + k * kWidth).v, Doubles) - centre;
+      lanes[k] += kSquares ? d * d : d;
+    }
+  for (std::size_t k = 1; k < kChains; ++k) lanes[0] += lanes[k];
+  double total = sum_of_lanes(lanes[0]);
+  for (; i < count; ++i) {
+    const double d = static_cast<double>(x[i]) - centre;
+    total += kSquares ? d * d : d;
+  }
   return total;
 }
 
-double squares(const float* x, std::size_t count, double mean) {
-  Doubles lanes{};
-  std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) {
-    const Doubles d = __builtin_convertvector(simd::load(x + i).v, Doubles) - mean;
-    lanes += d * d;
-  }
-  double total = sum_of_lanes(lanes);
-  for (; i < count; ++i) total += (static_cast<double>(x[i]) - mean) * (static_cast<double>(x[i]) - mean);
-  return total;
-}
+double sum(const float* x, std::size_t count) { return sum_around<false>(x, count, 0); }
 
 // The better of what is kept and a new value; NaN is better than all and is never left again.
 struct Smaller {
@@ -80,7 +82,7 @@ void best_to(float* kept, const float* x, std::size_t count) {
 }  // namespace
 
 extern const ReduceRoutines reductions;
-const ReduceRoutines reductions{Isa::SLIDE_ISA_ENUM, sum,    squares,          best<Smaller>,
+const ReduceRoutines reductions{Isa::SLIDE_ISA_ENUM, sum,    sum_around<true>, best<Smaller>,
                                 best<Larger>,        add_to, best_to<Smaller>, best_to<Larger>};
 
 }  // namespace slide::ops::SLIDE_ISA
