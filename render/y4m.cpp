@@ -15,6 +15,7 @@
 
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
+#include "runtime/threads.h"
 
 namespace slide {
 namespace {
@@ -30,7 +31,22 @@ std::string rate(double fps) {
   return std::to_string(thousandths / divisor) + ":" + std::to_string(1000 / divisor);
 }
 
-std::uint8_t rounded(float v) { return static_cast<std::uint8_t>(std::lround(v)); }
+/// For 1 <= v < 255.5, where the sum is exact as far as it decides: std::lround() is a call for each sample.
+std::uint8_t rounded(float v) { return static_cast<std::uint8_t>(v + 0.5F); }
+
+void convert(const float* rgb, std::size_t count, std::uint8_t* y, std::uint8_t* cb, std::uint8_t* cr) {
+  for (std::size_t i = 0; i < count; ++i) {
+    std::array<float, 3> c{};
+    for (std::size_t k = 0; k < 3; ++k) {
+      const float v = rgb[3 * i + k];
+      c[k] = v > 0 ? std::min(v, 1.0F) : 0.0F;
+    }
+    const float luma = 0.2126F * c[0] + 0.7152F * c[1] + 0.0722F * c[2];  // ITU-R BT.709-6, item 3.2
+    y[i] = rounded(16 + 219 * luma);
+    cb[i] = rounded(128 + 224 * (c[2] - luma) / 1.8556F);
+    cr[i] = rounded(128 + 224 * (c[0] - luma) / 1.5748F);
+  }
+}
 
 /// Where the stream goes: a file that appears when it is complete, or a descriptor that is written as it
 /// comes.
@@ -114,17 +130,11 @@ std::vector<std::uint8_t> y4m_frame(const Image& image) {
   std::vector<std::uint8_t> bytes(kMark.size() + 3 * n);
   std::copy(kMark.begin(), kMark.end(), bytes.begin());
   std::uint8_t* planes = bytes.data() + kMark.size();
-  for (std::size_t i = 0; i < n; ++i) {
-    std::array<float, 3> c{};
-    for (std::size_t k = 0; k < 3; ++k) {
-      const float v = image.data[3 * i + k];
-      c[k] = v > 0 ? std::min(v, 1.0F) : 0.0F;
-    }
-    const float luma = 0.2126F * c[0] + 0.7152F * c[1] + 0.0722F * c[2];  // ITU-R BT.709-6, item 3.2
-    planes[i] = rounded(16 + 219 * luma);
-    planes[n + i] = rounded(128 + 224 * (c[2] - luma) / 1.8556F);
-    planes[2 * n + i] = rounded(128 + 224 * (c[0] - luma) / 1.5748F);
-  }
+  const auto width = static_cast<std::size_t>(image.width);
+  parallel_for(image.height, [&](std::int64_t row) {
+    const std::size_t at = static_cast<std::size_t>(row) * width;
+    convert(image.data.data() + 3 * at, width, planes + at, planes + n + at, planes + 2 * n + at);
+  });
   return bytes;
 }
 
