@@ -153,6 +153,27 @@ class Bench {
     return 2e-9 * macs;
   }
 
+  /// What each node asks of the machine at least, as [precision, multiply-accumulates that its kernel does,
+  /// bytes of its inputs, packed weights and output]: the floor under its time.
+  [[nodiscard]] json work() const {
+    json all = json::array();
+    for (const PlanStep& step : executor_->plan().steps) {
+      if (step.in_place) continue;
+      const Node& node = graph_->node(step.node);
+      std::vector<Shape> shapes;
+      std::int64_t numbers = node.shape.count();
+      for (const int input : node.inputs) {
+        shapes.push_back(graph_->node(input).shape);
+        if (!executor_->plan().constant[static_cast<std::size_t>(input)]) numbers += shapes.back().count();
+      }
+      const double bytes =
+          static_cast<double>(numbers) * sizeof(float) + static_cast<double>(step.packed_bytes);
+      all.push_back(
+          {name_of(step.kernel->precision()), step.kernel->macs(*node.op, shapes, node.shape), bytes});
+    }
+    return all;
+  }
+
   [[nodiscard]] json facts() const {
     const Plan& plan = executor_->plan();
     return {{"gflop", gflop()},
@@ -162,6 +183,7 @@ class Bench {
             {"planned_bytes", plan.memory_bytes()},
             {"arena_bytes", plan.arena_bytes},
             {"weight_bytes", plan.weight_bytes},
+            {"work", work()},
             {"calibrated", weights_->calibration() != nullptr},
             {"threads", thread_count()},
             {"isa", name_of(plan.isa)},

@@ -19,6 +19,12 @@ TITLES = {
     'u2net': 'U²-Net', 'u2netp': 'U²-NetP', 'fba': 'FBA matting', 'slide_depth': 'slide_depth (trained)', 'slide_inpaint': 'slide_inpaint (trained)',
 }
 PAIRS = (('slide-fp32', 'ort-fp32'), ('slide-bf16', 'torch-bf16'), ('slide-int8', 'ort-int8'))
+# Of each pair's peer, or of the one that is named.
+AIMS = {
+    'midas_v21': (.70, .75, .85), 'midas_v21_small': (.60, .50, .65), 'u2net': (.40, .60, (.25, 'ort-fp32')), 'u2netp': (.40, .60, (.25, 'ort-fp32')),
+    'fba': (.55, None, None), 'inpaint_coarse': (.45, .50, .60), 'slide_depth': (None, None, None), 'slide_inpaint': (None, None, None),
+    'inpaint_deepfill': (None, None, None),
+}
 
 
 def precision(name):
@@ -96,6 +102,34 @@ def peak_table(machine):
     for p in machine['peaks'] if isinstance(machine['peaks'], list) else []:
         cells = [f'{p[k]:.0f}' if p[k] else '–' for k in ('fp32', 'bf16', 'int8', 'read', 'copy')]
         lines.append(f'| {p["isa"]} | {p["threads"]} | ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+def floor_of(result, peer, machine):
+    """Milliseconds of the arithmetic alone, and of each node's arithmetic or memory traffic, whichever takes longer."""
+    tops = {kind: peak(machine, result['threads'], kind) for kind in ('fp32', 'bf16', 'int8', 'read')}
+    if not all(tops.values()) or 'work' not in peer:
+        return None
+    arithmetic = [2e-6 * macs / tops[kind] for kind, macs, _ in peer['work']]
+    memory = [1e-6 * size / tops['read'] for _, _, size in peer['work']]
+    return sum(arithmetic), sum(map(max, arithmetic, memory))
+
+
+def floor_table(results):
+    """Where the time goes as far as it must, beside the peer's and the project's aim for it."""
+    lines = ['| network | threads | precision | SLIDE, ms | arithmetic at the peak, ms | arithmetic or memory, ms | reached | aim, of its peer\'s time | aim, ms |',
+             '|---|--:|---|--:|--:|--:|--:|--:|--:|']
+    for r in results['networks']:
+        for (ours, peer), aim in zip(PAIRS, AIMS.get(r['network'], (None, None, None))):
+            p = measured(r, ours)
+            floor = p and floor_of(r, p, results['machine'])
+            if not floor:
+                continue
+            share, peer = aim if isinstance(aim, tuple) else (aim, peer)
+            other = measured(r, peer)
+            wanted = [f'{share:.2f} of {LABELS[peer]}', f'{share * other["ms"]:.1f}'] if share and other else ['–', '–']
+            lines.append(f'| {title(r)} | {r["threads"]} | {precision(ours)} | {p["ms"]:.1f} | {floor[0]:.1f} | {floor[1]:.1f} | {100 * floor[1] / p["ms"]:.0f} % | '
+                         + ' | '.join(wanted) + ' |')
     return lines
 
 
@@ -208,6 +242,13 @@ it is measured and how to repeat it.
   convolutions multiply less than the definition, so that more than 100 % is possible.
 '''
 
+FLOORS = '''## Floors
+
+What SLIDE's time could not undercut with the kernels that it chose: the multiplications that they really do (after Winograd) at the machine's peak in
+their precision; and node by node the longer of that and of reading the inputs and the weights and writing the output once at the machine's reading speed,
+as if no cache held anything. *Reached* is the second floor's part of the time.
+'''
+
 
 def main():
     source = sys.argv[1] if len(sys.argv) > 1 else 'out/peers/results.json'
@@ -221,6 +262,7 @@ def main():
         lines += ['**Other programs were running: these numbers mean nothing.**', '']
     lines += ['## Summary', '', 'Ratios of medians; below 1 SLIDE is faster, more exact, smaller.', '', *summary_table(results), '', '## What the machine can do', '',
               *peak_table(machine), '', *stage_lines(results), '']
+    lines += [FLOORS, *floor_table(results), '']
     if results.get('layers'):
         lines += layer_lines(results, machine)
     for result in results['networks']:
