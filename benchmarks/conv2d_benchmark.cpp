@@ -53,6 +53,7 @@ int main(int argc, char** argv) {
   benchmark::Initialize(&argc, argv);
   register_layer("3x3_256", {256, 256, 3, 48, 1, 1, false});
   register_layer("3x3_64", {64, 64, 3, 96, 1, 1, false});
+  register_layer("3x3_128_to_64", {128, 64, 3, 320, 1, 1, false});
   register_layer("1x1_1024_to_256", {1024, 256, 1, 24, 1, 1, false});
   register_layer("1x1_96_to_24", {96, 24, 1, 64, 1, 1, false});
   register_layer("gated_3x3_96_to_192", {96, 192, 3, 64, 1, 1, true});

@@ -16,11 +16,13 @@ namespace slide::ops {
 ///
 /// The input is copied into padded planes, split by the stride (rows and columns 0, s, ..., then 1, s + 1,
 /// ...). Then tap (c, u, v) of neighbouring output positions of a row is a run of adjacent numbers, at
-/// offset(c, u, v) behind the same run of tap (0, 0, 0). Few filters multiply these runs where they lie
-/// (streaming). Many filters share a panel: a block of the depth, for some positions, is gathered into a
-/// buffer that stays in the first-level cache while all filters are multiplied by it. A 1×1 convolution
-/// without padding gathers from the input itself. Where the planes of one group's strip of rows are small,
-/// each task makes them for itself, and they stay in the second-level cache; else all are made first.
+/// offset(c, u, v) behind the same run of tap (0, 0, 0). Many filters share a panel: a block of the depth,
+/// for some positions, which stays in the first-level cache while all filters are multiplied by it. Where
+/// rows are long, panels end where they do, and the runs are multiplied where they lie; short rows are
+/// gathered into a buffer. Few filters go along the rows with planes of a block of the depth (streaming). A
+/// 1×1 convolution without padding gathers from the input itself. Where the planes of one group's strip of
+/// rows are small, each task makes them for itself, and they stay in the second-level cache; else all are
+/// made first.
 ///
 /// An element of a plane is a 32-bit word: one float32, two bfloat16 (of two channels) or four 8-bit integers
 /// (of four channels), so that all precisions share the loops.
@@ -49,15 +51,22 @@ class Conv2dDirect {
   void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
 
  private:
-  struct Task;
+  static constexpr std::size_t kTilePanels = 12;  // of columns, at most
+  struct Task {
+    std::int64_t image, group;
+    int variant;
+    std::int64_t first_panel, last_panel;  // of weights
+    std::int64_t first_row;                // of the strip
+    std::int64_t first, count;             // positions in the strip
+  };
   struct Quantiser {
     float step = 1, zero = 0;
   };
   struct Call {
     const Conv2dArrays& arrays;
     Quantiser quantiser;
-    const float* values;  // of each row: start, step, bias
-    const float* planes;  // shared
+    float *starts, *steps, *biases;  // of each row
+    const float* planes;             // shared
   };
   void choose_tasks();
   void list_offsets();
@@ -73,15 +82,23 @@ class Conv2dDirect {
                                 float step) const;
   void pack_panel(const float* weight, std::int64_t panel, float* panels, float* steps, float* sums) const;
   [[nodiscard]] Quantiser quantiser(const Conv2dArrays& arrays) const;
-  void make_row_values(const Call& call, float* values) const;
+  void make_row_values(const Call& call) const;
   void fill_plane(const Call& call, std::int64_t index, std::int64_t first_row, std::int64_t rows,
                   float* plane) const;
   void run_gathered(const Call& call, const Task& task, float* memory) const;
+  struct Columns {  // of a panel: positions, and their words
+    std::int64_t first, count;
+    const float* b;
+    const std::int32_t* offsets;
+  };
+  [[nodiscard]] std::int64_t panel_columns(std::int64_t first, std::int64_t last) const noexcept;
+  void find_words(const Call& call, const Task& task, std::int64_t k, const float* planes, float* gathered,
+                  Columns& columns) const;
   void gather_panel(const Call& call, const Task& task, std::int64_t first, std::int64_t count,
                     std::int64_t k, const float* planes, float* b) const;
   void run_streaming(const Call& call, const Task& task, float* memory) const;
-  void multiply(const Call& call, const Task& task, std::int64_t panel, std::int64_t k, std::int64_t first,
-                std::int64_t count, const float* b, float* sums) const;
+  void multiply(const Call& call, const Task& task, std::int64_t panel, std::int64_t k,
+                const Columns& columns, float* sums) const;
   [[nodiscard]] bool writes_y() const noexcept;
   void write_rows(const Call& call, const Task& task, std::int64_t panel, std::int64_t first,
                   std::int64_t count, float* sums) const;
@@ -103,11 +120,13 @@ class Conv2dDirect {
   std::int64_t panels_;                  // of weights, in a group
   int variants_;
   bool in_place_;   // words are made from x, there are no planes
-  bool streaming_;  // no panels are gathered
+  bool in_rows_;    // panels end where rows do, and are multiplied where they lie
+  bool streaming_;  // ... by few filters: planes are made for a block of the depth
   bool local_;      // each task fills the planes it needs
   std::int64_t reach_y_, plane_width_;
   std::int64_t strip_rows_, strips_;     // output rows of the planes
   std::int64_t plane_size_;              // of a strip's rows
+  std::int64_t tile_positions_;          // that share what is read of the weights
   std::int64_t task_positions_, tiles_;  // of a strip
   std::int64_t task_panels_, row_tasks_;
   std::vector<std::int32_t> offsets_;  // of each variant's words, from the group's first plane

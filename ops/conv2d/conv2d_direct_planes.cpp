@@ -38,7 +38,7 @@ Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) cons
 }
 
 /// What each row's sums start from, integers' step, bias: zeros behind the last filter.
-void Conv2dDirect::make_row_values(const Call& call, float* values) const {
+void Conv2dDirect::make_row_values(const Call& call) const {
   const auto* packed = static_cast<const float*>(static_cast<const void*>(call.arrays.packed));
   const std::int64_t count = variants_ * g_.groups * panels_ * routines_.rows;
   const float* steps = packed + count * depth_;
@@ -47,13 +47,12 @@ void Conv2dDirect::make_row_values(const Call& call, float* values) const {
     const std::int64_t group = i / (panels_ * routines_.rows) % g_.groups;
     const bool biased = call.arrays.bias != nullptr && row < g_.group_oc;
     const float bias = biased ? call.arrays.bias[filter_of_row(g_, gated_, group, row)] : 0.0F;
-    float* value = values + i;
-    value[0] = value[2 * rows_size()] = bias;
+    call.starts[i] = call.biases[i] = bias;
     if (precision_ != Precision::kInt8) continue;
     // What the zero point adds to each sum is taken off.
     const auto sum = std::bit_cast<std::int32_t>(steps[count + i]);
-    value[0] = std::bit_cast<float>(-static_cast<std::int32_t>(call.quantiser.zero) * sum);
-    value[rows_size()] = steps[i] * call.quantiser.step;
+    call.starts[i] = std::bit_cast<float>(-static_cast<std::int32_t>(call.quantiser.zero) * sum);
+    call.steps[i] = steps[i] * call.quantiser.step;
   }
 }
 

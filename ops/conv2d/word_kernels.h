@@ -214,7 +214,7 @@ SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
   const float* b = p.b;
   for (std::int64_t k = 0; k < p.depth; ++k, a += kRows, b += kOffsets ? 0 : kColumns) {
     const float* row = kOffsets ? b + p.offsets[k] : b;
-    if (!kOffsets) {  // what the next panel reads
+    if (R == kRows) {  // what the next panel reads
       __builtin_prefetch(a + p.depth * kRows);
       __builtin_prefetch(p.sums + kRows * kColumns + k * 4);
     }
