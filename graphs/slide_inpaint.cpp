@@ -7,7 +7,6 @@
 #include "ops/layering/layering.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/pool/pool.h"
-#include "ops/reduce/reduce.h"
 #include "ops/resize/resize.h"
 #include "ops/tensor_shape/tensor_shape.h"
 
@@ -17,8 +16,11 @@ namespace {
 constexpr int kSweeps = 4;
 constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pixel is background
 constexpr double kRest = 1e-8;
-constexpr std::int64_t kRim = 5;    // pixels: side of the window that says whether known background is near
-constexpr double kLike = 1.0 / 64;  // squared difference of colours that says nothing
+constexpr std::int64_t kWindow = 9;   // pixels: side of the window whose largest disparity is the cover's
+constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
+// Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
+constexpr double kFar = 0.1;
+constexpr double kNear = 0.4;
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
 
@@ -28,18 +30,14 @@ struct Fill {
   Value weight;    ///< of the colours
 };
 
-Value squared(Value x) { return ops::mul(x, x); }
-
-Value difference(Value x, Value y) { return ops::reduce_mean(squared(ops::sub(x, y)), {1}); }
-
 Fill fill(Value rgbd, Value disparity, Value hole) {
   const Value rgb = ops::slice(rgbd, 1, 0, 3);
-  const Value weight = background_weight(disparity, hole);
-  const Value colours = colour_weight(rgb, weight, hole);
-  const Value behind = ops::push_pull_fill(ops::slice(rgbd, 1, 3, 4), weight, kSweeps);
+  const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
+  const Value colours = colour_weight(disparity, behind);
   const Value smooth = ops::push_pull_fill(rgb, colours, kSweeps);
-  return {tapped("filled", ops::concat({smooth, behind}, 1)),
-          ops::concat({ops::add(smooth, detail(rgb, colours)), behind}, 1), colours};
+  const Value signed_behind = ops::affine(behind, 2, -1);
+  return {tapped("filled", ops::concat({smooth, signed_behind}, 1)),
+          ops::concat({ops::add(smooth, detail(rgb, colours)), signed_behind}, 1), colours};
 }
 
 /// The paper's coarse network without its masking and its tanh.
@@ -71,15 +69,13 @@ Value background_weight(Value disparity, Value hole) {
   return ops::clip(ops::mul(ops::affine(hole, -1, 1), behind), kRest, 1);
 }
 
-Value colour_weight(Value rgb, Value weight, Value hole) {
-  const Value covers = ops::clip(ops::sub(ops::affine(hole, -1, 1), weight), kRest, 1);
-  const Value behind = squared(difference(rgb, ops::push_pull_fill(rgb, weight, kSweeps)));
-  const Value before = squared(difference(rgb, ops::push_pull_fill(rgb, covers, kSweeps)));
-  const Value likely = ops::div(before, ops::affine(ops::add(behind, before), 1, kLike * kLike));
-  constexpr std::int64_t kPad = kRim / 2;
-  const Value near = ops::max_pool2d(
-      weight, {.kernel = {kRim, kRim}, .stride = {1, 1}, .padding = {kPad, kPad, kPad, kPad}});
-  return ops::maximum(weight, ops::mul(near, likely));
+Value colour_weight(Value disparity, Value behind) {
+  constexpr std::int64_t kPad = kWindow / 2;
+  const Value covers = ops::max_pool2d(
+      disparity, {.kernel = {kWindow, kWindow}, .stride = {1, 1}, .padding = {kPad, kPad, kPad, kPad}});
+  const Value step = ops::clip(ops::sub(covers, behind), kLeast, 1);
+  const Value way = ops::div(ops::sub(disparity, behind), step);
+  return ops::clip(ops::affine(way, -1 / (kNear - kFar), kNear / (kNear - kFar)), kRest, 1);
 }
 
 Value detail(Value rgb, Value weight) {

@@ -14,14 +14,14 @@ namespace slide::graphs {
 /// @param hole       1×1×H×W, 1 inside the hole
 Value background_weight(Value disparity, Value hole);
 
-/// The weight of colours: background_weight(), and by their colours those pixels at the rim of the unknown
-/// that are background all the same. Disparity is grown, soft and never quite aligned, so the hole has a rim
-/// of background. With b the mean squared difference of a pixel's colour from the fill from the background, f
-/// from the fill from what covers the hole: max(weight, max of weight over 5×5 · f² / (b² + f² + 1/64²)).
-/// @param rgb     1×3×H×W in [-1,1]
-/// @param weight  background_weight()
-/// @param hole    1×1×H×W, 1 inside the hole
-Value colour_weight(Value rgb, Value weight, Value hole);
+/// Which pixels have the background's colour, whether or not they are in the hole: by where their disparity
+/// lies between that of the background and what covers it nearby, w = (disparity - behind) / max(max of
+/// disparity over 9×9 - behind, 1/128). All counts up to w = 0.1, nothing but 1e-8 from 0.4 on, linear
+/// between. Disparity is grown and soft, so a rim of the hole is background, and some of what lies just
+/// outside of it is not.
+/// @param disparity  D1, 1×1×H×W in [0,1]
+/// @param behind     1×1×H×W in [0,1], the background's disparity, continued by background_weight()
+Value colour_weight(Value disparity, Value behind);
 
 /// Texture for the unknown: what the background is beyond its own blur (deviation 1, weighted), mirrored into
 /// the hole by ops::mirror_known(), times 7/4, at most 0.1 (which keeps edges out), times 1 - weight.
@@ -32,7 +32,7 @@ Value detail(Value rgb, Value weight);
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
 /// smoothly: colours by colour_weight() and with detail(), disparity by background_weight(). What inpainting
 /// without a network is, and what slide_inpaint corrects.
-/// @param rgbd       1×4×H×W in [-1,1]
+/// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 Value background_fill(Value rgbd, Value disparity, Value hole);
@@ -43,7 +43,7 @@ inline constexpr std::int64_t kSlideInpaintWidth = 12;
 /// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill,
 /// corrected by the paper's coarse network (Jampani et al., ICCV 2021, supplement, table T1) at half its
 /// width, which sees the fill, the weight of its colours and the hole.
-/// @param rgbd       1×4×H×W in [-1,1]; H and W multiples of 4
+/// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read; H and W multiples of 4
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 /// @return 1×4×H×W, about [-1,1], not clipped

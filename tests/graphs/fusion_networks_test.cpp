@@ -155,8 +155,8 @@ TEST_CASE("slide_inpaint upsamples in its gated convolutions and ends with the f
   const Counts after = counts_fused("slide_inpaint", 8, 16);
   CHECK(after.at("gated_conv2d") == 15);
   CHECK(after.at("conv2d") == 1);
-  CHECK(after.at("push_pull_fill") == 5);
-  CHECK(after.at("add") == 2);  // in colour_weight(), and of detail()
+  CHECK(after.at("push_pull_fill") == 3);
+  CHECK(after.at("add") == 1);  // of detail()
   CHECK_FALSE(after.contains("resize"));
 }
 

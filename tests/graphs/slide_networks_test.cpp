@@ -5,7 +5,7 @@
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
-#include "ops/tensor_shape/tensor_shape.h"
+#include "ops/fill/fill.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
@@ -70,7 +70,7 @@ TEST_CASE("the weights of the background and the fill agree with PyTorch in floa
   const Value hole = g.input("hole", {1, 1, 20, 28});
   const Value weight = background_weight(d, hole);
   g.output("weight", weight);
-  g.output("colours", colour_weight(ops::slice(rgbd, 1, 0, 3), weight, hole));
+  g.output("colours", colour_weight(d, ops::push_pull_fill(d, weight, 4)));
   g.output("filled", background_fill(rgbd, d, hole));
   ReferenceExecutor run(g, WeightMap());
   run.run({{"rgbd", file.tensor("scene.rgbd")},
@@ -99,16 +99,16 @@ TEST_CASE("the fill leaves the background as it is and brings none of the foregr
     const bool square = row >= 8 && row < 24 && column >= 8 && column < 24;
     pixels.mutable_data<double>()[square ? i : 2 * kSide * kSide + i] = 1;
     disparity.mutable_data<double>()[i] = square ? 0.9 : 0.1;
-    pixels.mutable_data<double>()[3 * kSide * kSide + i] = square ? 0.9 : 0.1;
+    pixels.mutable_data<double>()[3 * kSide * kSide + i] = square ? 0.8 : -0.8;
     mask.mutable_data<double>()[i] = square && column >= 16 ? 1 : 0;
   }
   ReferenceExecutor run(g, WeightMap());
   run.run({{"rgbd", pixels}, {"d", disparity}, {"hole", mask}});
   const auto filled = run.tensor("filled").data<double>();
   for (std::size_t i = 0; i < kSide * kSide; ++i) {
-    CHECK(filled[i] <= 1e-3);                            // no red, in the square either
-    CHECK(filled[2 * kSide * kSide + i] >= 1 - 1e-3);    // blue
-    CHECK(filled[3 * kSide * kSide + i] <= 0.1 + 1e-3);  // far
+    CHECK(filled[i] <= 1e-3);                                    // no red, in the square either
+    CHECK(filled[2 * kSide * kSide + i] >= 1 - 1e-3);            // blue
+    CHECK(filled[3 * kSide * kSide + i] <= 2 * 0.1 - 1 + 1e-3);  // far
   }
 }
 

@@ -21,7 +21,7 @@ from scipy import ndimage
 
 from common import Ragged, load_safetensors
 from depth_net import DepthNet
-from fill import background_fill, background_weight
+from fill import background_fill, background_weight, push_pull_fill
 from guided import guided_upsample
 from inpaint_data import InpaintData, layering
 from inpaint_net import InpaintNet
@@ -212,19 +212,21 @@ def inpaint(a):
     net, data = load(InpaintNet(), a.weights), InpaintData(a.cache, 99, 160, held=True)
     scores, tiles = {}, []
     for k in range(120):
-        scene, truth, d, _, hole, mask, cover = data.sample()
+        scene, truth, d, alpha, hole, mask, cover = data.sample()
         with torch.no_grad():
-            s, dt, ht = (torch.from_numpy(v)[None] for v in (scene, d, hole))
+            s, dt, ht, at = (torch.from_numpy(v)[None] for v in (scene, d, hole, alpha))
             smooth, filled, weight = background_fill(s, dt, ht)
             ours = {'smooth fill': smooth[0].numpy(), 'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
             behind = background_weight(dt, ht)
+            shares = dict.fromkeys(ours, push_pull_fill(at, weight)[0, 0].numpy())
         unknown, beyond = (v[0, 0].numpy() < .5 for v in (weight, behind))
-        rgb = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8)
+        rgb, matte = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8), (alpha[0] * 255).astype(np.uint8)
         for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', beyond), ('colour weight', unknown)):
             for method, flag in (('Telea', cv2.INPAINT_TELEA), ('Navier-Stokes', cv2.INPAINT_NS)):
-                ours[f'{method}, {name}'] = cv2.inpaint(rgb, region.astype(np.uint8), 3, flag).transpose(2, 0, 1) / 127.5 - 1
+                y, share = (cv2.inpaint(v, region.astype(np.uint8), 3, flag) for v in (rgb, matte))
+                ours[f'{method}, {name}'], shares[f'{method}, {name}'] = y.transpose(2, 0, 1) / 127.5 - 1, share / 255
             index = ndimage.distance_transform_edt(region, return_distances=False, return_indices=True)
-            ours[f'nearest copy, {name}'] = scene[:3][:, index[0], index[1]]
+            ours[f'nearest copy, {name}'], shares[f'nearest copy, {name}'] = (v[:, index[0], index[1]] for v in (scene[:3], alpha))
         m = mask[0] > 0
         inner = m & ndimage.binary_erosion(m)
         slope = lambda v: np.hypot(*np.gradient(v[:3].mean(0)))[inner].mean() if inner.any() else np.nan
@@ -238,12 +240,14 @@ def inpaint(a):
                 cf, cb = scene[:3][:, front].mean(1), truth[:3][:, m].mean(1)
                 if np.linalg.norm(cf - cb) > .3:
                     leak = np.dot(y[:, m].mean(1) - cb, cf - cb) / np.dot(cf - cb, cf - cb)
-            scores.setdefault(name, []).append((-10 * np.log10(mse + 1e-9), np.abs(y - truth[:3])[:, m].mean() / 2, slope(y) / max(slope(truth), 1e-3), leak))
+            share = shares[name][..., m].mean()
+            scores.setdefault(name, []).append((-10 * np.log10(mse + 1e-9), np.abs(y - truth[:3])[:, m].mean() / 2, slope(y) / max(slope(truth), 1e-3), leak, share))
         if k < 24:
             tiles.append([scene[:3], np.where(m, .9, scene[:3]), ours['fill'][:3], ours['network'][:3], np.where(m, ours['network'][:3], truth[:3]), truth[:3]])
     for name, rows in scores.items():
-        p, l1, texture, leak = np.nanmean(rows, 0)
-        print(f'{name:34s} PSNR {p:.2f} dB, L1 {l1:.4f}, gradient {np.nanmedian([r[2] for r in rows]):.2f} of the truth\'s, way to the foreground\'s colour {leak:+.3f}')
+        p, l1, _, leak, share = np.nanmean(rows, 0)
+        print(f'{name:34s} PSNR {p:.2f} dB, L1 {l1:.4f}, gradient {np.nanmedian([r[2] for r in rows]):.2f} of the truth\'s, way to the foreground\'s colour {leak:+.3f}, '
+              f'foreground\'s share {share:.3f}')
     gain = np.array([r[0] for r in scores['network']]) - np.array([r[0] for r in scores['fill']])
     print(f'the network over the fill: {gain.mean():+.3f} dB, better in {100 * (gain > 0).mean():.0f}%, worst {gain.min():+.2f} dB')
     if a.views:

@@ -4,9 +4,9 @@ import torch.nn.functional as F
 
 SWEEPS = 4
 GAP, REST = 1 / 16, 1e-8  # disparity; weight of pixels that are not behind
-RIM = 5  # pixels: side of the window that says whether known background is near
+WINDOW, LEAST = 9, 1 / 128  # pixels, side of the window whose largest disparity is the cover's; smallest step that counts
+FAR, NEAR = .1, .4  # of the way from the background's disparity to the cover's: background wholly up to FAR, not from NEAR on
 DETAIL, DETAIL_LIMIT = 1.75, .1  # gain and largest amount of mirrored detail
-LIKE = 1 / 64  # squared difference of colours that says nothing
 TRUST = 16  # a cell whose mean weight is over 1 / TRUST counts as known
 
 
@@ -53,15 +53,14 @@ def background_weight(d, hole):
     return ((1 - hole) * ((front - d) / GAP).clamp(0, 1)).clamp_min(REST)
 
 
-def colour_weight(rgb, weight, hole):
-    """background_weight(), and by their colours those pixels at the rim of the unknown that are background all the same.
+def colour_weight(d, behind):
+    """Which pixels have the background's colour, whether or not they are in the hole: by where their disparity lies between the
+    background's, continued (behind), and the cover's, the largest around.
 
-    Disparity is grown, soft and never quite aligned, so the hole has a rim of background. A pixel near the known background
-    counts as far as its colour is nearer to the fill from the background than to the fill from what covers the hole.
+    Disparity is grown and soft, so a rim of the hole is background, and some of what lies just outside of it is not.
     """
-    behind, before = push_pull_fill(rgb, weight), push_pull_fill(rgb, (1 - hole - weight).clamp(REST, 1))
-    b, f = (((rgb - v) ** 2).mean(1, keepdim=True) for v in (behind, before))
-    return torch.maximum(weight, F.max_pool2d(weight, RIM, 1, RIM // 2) * f ** 2 / (b ** 2 + f ** 2 + LIKE ** 2))
+    way = (d - behind) / (F.max_pool2d(d, WINDOW, 1, WINDOW // 2) - behind).clamp_min(LEAST)
+    return ((NEAR - way) / (NEAR - FAR)).clamp(REST, 1)
 
 
 def mirror_known(x, weight):
@@ -105,9 +104,9 @@ def detail(rgb, weight):
 
 
 def background_fill(rgbd, d, hole):
-    """-> RGBD of the background, smooth; the same with detail(); the weight that its colours have. Disparity is continued by
-    background_weight()."""
-    weight = background_weight(d, hole)
-    colours = colour_weight(rgbd[:, :3], weight, hole)
-    smooth, behind = push_pull_fill(rgbd[:, :3], colours), push_pull_fill(rgbd[:, 3:], weight)
-    return torch.cat([smooth, behind], 1), torch.cat([smooth + detail(rgbd[:, :3], colours), behind], 1), colours
+    """-> RGBD of the background in [-1, 1], smooth; the same with detail(); the weight that its colours have. Disparity is
+    continued by background_weight()."""
+    rgb, behind = rgbd[:, :3], push_pull_fill(d, background_weight(d, hole))
+    colours = colour_weight(d, behind)
+    smooth, disparity = push_pull_fill(rgb, colours), 2 * behind - 1
+    return torch.cat([smooth, disparity], 1), torch.cat([smooth + detail(rgb, colours), disparity], 1), colours

@@ -73,7 +73,7 @@ class InpaintData(DepthData):
         return resize(image[y:y + s, x:x + s], n, n).astype(np.float32) / 255, resize(d[y:y + s, x:x + s], n, n) * scale
 
     def sample(self):
-        """-> scene and truth (4 x n x n, RGB in [-1, 1] and disparity in [-1, 1]), D1, floor, hole, loss mask, true outline"""
+        """-> scene and truth (4 x n x n, RGB in [-1, 1] and disparity in [-1, 1]), D1, alpha of the cut-out, hole, loss mask, true outline"""
         n, rng = self.size, self.rng
         while True:
             rgb, d = self.background()
@@ -94,10 +94,10 @@ class InpaintData(DepthData):
         front = cv2.GaussianBlur(np.where(alpha > rng.uniform(.15, .6), 1, 0).astype(np.float32), (0, 0), np.exp(rng.uniform(np.log(.3), np.log(3))))
         d_scene = front * np.maximum(near, d) + (1 - front) * d
         low, span = d_scene.min(), np.ptp(d_scene) + 1e-6
-        d1, floor, hole = layering((d_scene - low) / span, np.exp(rng.uniform(np.log(5), np.log(n * .22))))
+        d1, _, hole = layering((d_scene - low) / span, np.exp(rng.uniform(np.log(5), np.log(n * .22))))
         cover = cv2.dilate((alpha > .02).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
         four = lambda c, v: np.ascontiguousarray(np.concatenate([c, v[..., None]], 2).transpose(2, 0, 1) * 2 - 1, np.float32)
         truth = four(rgb, (d - low) / span)
         if (hole * cover).sum() < 40:
             return self.sample()
-        return four(scene, d1), truth, *(v[None].astype(np.float32) for v in (d1, floor, hole, hole * cover, cover))
+        return four(scene, d1), truth, *(v[None].astype(np.float32) for v in (d1, alpha, hole, hole * cover, cover))
