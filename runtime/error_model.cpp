@@ -36,18 +36,14 @@ std::vector<bool> behind(const Graph& graph, const std::vector<bool>& marked) {
   return result;
 }
 
-/// By node how many marked nodes, at least, lie on a way from it to an output, not counting itself; at most 2
-/// is counted.
-std::vector<int> marked_before_output(const Graph& graph, const std::vector<bool>& marked) {
-  constexpr int kMany = 2;
-  std::vector<int> count(marked.size(), kMany);
-  for (const auto& output : graph.outputs()) count[static_cast<std::size_t>(output.second)] = 0;
+/// By node whether a way from it to an output meets no marked node, not counting itself.
+std::vector<bool> before_output(const Graph& graph, const std::vector<bool>& marked) {
+  std::vector<bool> result(marked.size(), false);
+  for (const auto& output : graph.outputs()) result[static_cast<std::size_t>(output.second)] = true;
   for (std::size_t i = marked.size(); i-- > 0;)
-    for (const int j : graph.nodes()[i].inputs) {
-      int& before = count[static_cast<std::size_t>(j)];
-      before = std::min(before, count[i] + (marked[i] ? 1 : 0));
-    }
-  return count;
+    for (const int j : graph.nodes()[i].inputs)
+      if (result[i] && !marked[i]) result[static_cast<std::size_t>(j)] = true;
+  return result;
 }
 
 /// A change of one node's choice.
@@ -86,12 +82,12 @@ std::vector<double> error_shares(const Graph& graph, const std::vector<bool>& co
 
 std::vector<bool> network_ends(const Graph& graph, const std::vector<bool>& low) {
   const std::vector<bool> later = behind(graph, low);
-  const std::vector<int> before_output = marked_before_output(graph, low);
+  const std::vector<bool> last = before_output(graph, low);
   std::vector<bool> ends(low.size(), false);
   bool all = true;
   for (std::size_t i = 0; i < low.size(); ++i) {
     if (!low[i]) continue;
-    ends[i] = !later[i] || before_output[i] <= 1;
+    ends[i] = !later[i] || last[i];
     all = all && ends[i];
   }
   if (all) ends.assign(low.size(), false);
