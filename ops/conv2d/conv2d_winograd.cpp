@@ -133,16 +133,6 @@ bool finishes_rows(const Conv2dGeometry& g, const Conv2dFusion& fusion, Isa isa)
          Conv2dEpilogue(without_residual(fusion), isa, true).empty(nullptr);
 }
 
-/// What the next filter's rows will be written to and added.
-void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
-  for (std::int64_t i = 0; i < out.rows; ++i)
-    for (std::int64_t j = 0; j < out.columns; j += kCacheLine) {
-      const std::int64_t at = plane + i * out.row_size + j;
-      __builtin_prefetch(out.y + at, 1);
-      if (out.residual != nullptr) __builtin_prefetch(out.residual + at);
-    }
-}
-
 }  // namespace
 
 struct Conv2dWinogradBase::Strip {
@@ -154,14 +144,6 @@ struct Conv2dWinogradBase::Strip {
   std::int64_t panel_stride, frequency_stride;  // of V: [frequency][panel][channel][column]
 
   [[nodiscard]] std::int64_t tiles() const noexcept { return (last_line - first_line) * line_tiles; }
-};
-
-/// Adjacent tiles of one line and one panel, and the filters of a task.
-struct Conv2dWinogradBase::Run {
-  std::int64_t image;
-  std::int64_t row;                        // the first output row
-  std::int64_t first, last;                // in the line
-  std::int64_t first_filter, last_filter;  // rows of the packed weights
 };
 
 Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
@@ -185,6 +167,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, const Conv2dRoutines& routines,
           block_depth_),
       lines_(tile_count(g_.oheight, tile, g_.dilation_y)),
       line_tiles_(tile_count(g_.owidth, tile, g_.dilation_x)),
+      phase_size_(round_up(winograd_.columns, kRowAlignment)),
       segments_(1),
       panels_(divide_up(g_.oc, winograd_.rows)),
       task_columns_(std::max<std::int64_t>(1, kTaskTiles / winograd_.columns)) {
@@ -315,7 +298,7 @@ std::int64_t Conv2dWinogradBase::v_size() const noexcept {
 /// Floats for an input transform or a task: the products, [frequency][panel of tiles][row][column]; then the
 /// sums of two filters and a row of each. All may be read one vector beyond.
 std::int64_t Conv2dWinogradBase::work_size() const noexcept {
-  const std::int64_t sums = 2 * (tile_ + 1) * tile_ * round_up(winograd_.columns, kRowAlignment);
+  const std::int64_t sums = 2 * (tile_ + 1) * tile_ * phase_size_;
   return round_up(std::max(input_memory(g_, tile_, line_tiles_).total(tile_),
                            frequencies_ * product_stride_ + sums + 2 * kRowAlignment),
                   kRowAlignment);
@@ -442,93 +425,6 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
       first = last;
     }
   }
-}
-
-/// A gated filter's feature comes before its gate; both are written together.
-void Conv2dWinogradBase::transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
-                                           float* sums) const {
-  WinogradOutput out{};
-  out.frequency_stride = product_stride_;
-  out.tiles = run.last - run.first;
-  out.interleave = g_.dilation_x == 1;
-  out.rows = std::min<std::int64_t>(tile_, divide_up(g_.oheight - run.row, g_.dilation_y));
-  out.row_size = tile_ * round_up(winograd_.columns, kRowAlignment);
-  out.columns = out.row_size;
-  out.low = epilogue_.low();
-  out.high = epilogue_.high();
-  out.residual_last = residual_last_;
-  const std::int64_t gate = tile_ * out.row_size;  // from the feature's sums to the gate's
-  if (finishes_rows_) {
-    out.row_size = g_.dilation_y * g_.owidth;
-    out.columns = std::min(out.tiles * tile_, g_.owidth - run.first * tile_);
-  }
-  for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
-    out.m = products + (row - run.first_filter) * winograd_.columns;
-    out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
-    out.y = gated_ && row % 2 == 1 ? sums + gate : sums;
-    if (finishes_rows_) {
-      const std::int64_t at =
-          (run.image * g_.oc + row) * g_.oplane() + run.row * g_.owidth + run.first * tile_;
-      out.y = arrays.y + at;
-      out.residual = arrays.residual != nullptr ? arrays.residual + at : nullptr;
-      if (row + 1 < run.last_filter) prefetch_rows(out, g_.oplane());
-    }
-    transforms_.output(points_, out);
-    if (!finishes_rows_ && (!gated_ || row % 2 == 1)) write_filter(run, row, sums, arrays);
-  }
-}
-
-/// Dilated, adjacent columns come from tiles that have all phases; others are written phase by phase.
-void Conv2dWinogradBase::write_filter(const Run& run, std::int64_t row, float* sums,
-                                      const Conv2dArrays& arrays) const {
-  const std::int64_t phase_size = round_up(winograd_.columns, kRowAlignment);
-  const std::int64_t row_size = tile_ * phase_size;
-  const std::int64_t gate = tile_ * row_size;  // from the feature's sums to the gate's
-  const std::int64_t channels = gated_ ? g_.oc / 2 : g_.oc;
-  const std::int64_t plane = (run.image * channels + (gated_ ? row / 2 : row)) * g_.oplane();
-  const std::int64_t d = g_.dilation_x;
-  float* columns = sums + 2 * gate;
-  for (std::int64_t i = 0; i < tile_ && run.row + i * g_.dilation_y < g_.oheight; ++i) {
-    float* from = sums + i * row_size;
-    const auto finish = [&](float* values, std::int64_t gate_distance, std::int64_t column,
-                            std::int64_t count) {
-      count = std::min(count, g_.owidth - column);
-      if (count <= 0) return;
-      const std::int64_t at = plane + (run.row + i * g_.dilation_y) * g_.owidth + column;
-      const float* residual = arrays.residual != nullptr ? arrays.residual + at : nullptr;
-      if (gated_ && epilogue_.empty(residual))
-        return routines_.gate(values, values + gate_distance, arrays.y + at, count);
-      if (gated_) routines_.gate(values, values + gate_distance, values, count);
-      epilogue_.finish(values, residual, arrays.y + at, count);
-    };
-    if (d == 1) {
-      finish(from, gate, run.first * tile_, (run.last - run.first) * tile_);
-      continue;
-    }
-    for (std::int64_t t = run.first; t < run.last;) {
-      const std::int64_t whole = t % d == 0 ? (run.last - t) / d * d : 0;
-      if (whole > 0) {
-        for (std::int64_t part = 0; part < (gated_ ? 2 : 1); ++part)
-          join_phases(from + part * gate + t - run.first, phase_size, whole, columns + part * row_size);
-        finish(columns, row_size, tile_start(t, tile_, d), whole * tile_);
-        t += whole;
-        continue;
-      }
-      const std::int64_t count = std::min(d - t % d, run.last - t);
-      for (std::int64_t j = 0; j < tile_; ++j)
-        finish(from + j * phase_size + t - run.first, gate, tile_start(t, tile_, d) + j * d, count);
-      t += count;
-    }
-  }
-}
-
-/// Adjacent columns of `count` tiles, a multiple of the dilation.
-void Conv2dWinogradBase::join_phases(const float* phases, std::int64_t phase_size, std::int64_t count,
-                                     float* columns) const {
-  const std::int64_t d = g_.dilation_x;
-  for (std::int64_t t = 0; t < count; t += d)
-    for (std::int64_t j = 0; j < tile_; ++j, columns += d)
-      for (std::int64_t k = 0; k < d; ++k) columns[k] = phases[j * phase_size + t + k];
 }
 
 }  // namespace slide::ops

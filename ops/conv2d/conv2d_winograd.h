@@ -59,7 +59,13 @@ class Conv2dWinogradBase {
 
  private:
   struct Strip;
-  struct Run;
+  /// Adjacent tiles of one line and one panel, and the filters of a task.
+  struct Run {
+    std::int64_t image;
+    std::int64_t row;                        // the first output row
+    std::int64_t first, last;                // in the line
+    std::int64_t first_filter, last_filter;  // rows of the packed weights
+  };
   [[nodiscard]] std::int64_t strips() const noexcept;
   [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
   [[nodiscard]] std::int64_t tasks_of(std::int64_t tile_panels) const noexcept;
@@ -73,7 +79,7 @@ class Conv2dWinogradBase {
                 float* memory) const;
   void transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                          float* sums) const;
-  void join_phases(const float* phases, std::int64_t phase_size, std::int64_t count, float* columns) const;
+  void join_phases(const float* phases, std::int64_t count, float* columns) const;
   void write_filter(const Run& run, std::int64_t row, float* sums, const Conv2dArrays& arrays) const;
 
   const Conv2dRoutines& routines_;
@@ -91,6 +97,7 @@ class Conv2dWinogradBase {
   std::int64_t part_depth_;      // channels that are multiplied with all rows before the next; whole blocks
   std::int64_t lines_;           // of tiles in an image
   std::int64_t line_tiles_;      // of a line, or of its segment
+  std::int64_t phase_size_;      // columns of a panel of tiles, as phases of rows of sums are padded
   std::int64_t segments_;        // of a line
   std::int64_t strip_lines_;     // lines transformed together; 1 if they have segments
   std::int64_t strip_panels_;    // their panels of tiles
