@@ -4,6 +4,7 @@
 
 #include "ops/pool/pool_routines.h"
 #include "ops/simd/lanes.h"
+#include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -31,26 +32,34 @@ SLIDE_INLINE void strided(const float* x, std::size_t kernel, std::size_t stride
     for (std::size_t j = 0; j < count; ++j) y[j] = F::call(y[j], x[j * stride + k]);
 }
 
+/// A vector of windows at stride 2; `load` gives kWidth elements from an offset on.
+template <typename F, typename Load>
+SLIDE_INLINE Float every_second(std::size_t kernel, const Load& load) {
+  Float kept = simd::even(load(0), load(kWidth));
+  for (std::size_t k = 1; k < kernel; ++k) {
+    const auto pair = static_cast<std::int64_t>(k / 2 * 2);
+    const Float low = load(pair), high = load(pair + kWidth);
+    kept = F::call(kept, k % 2 == 0 ? simd::even(low, high) : simd::odd(low, high));
+  }
+  return kept;
+}
+
 template <typename F>
-SLIDE_INLINE void every_second(const float* x, std::size_t kernel, float* y, std::size_t count) {
+SLIDE_INLINE void rows_of_every_second(const float* x, std::size_t kernel, float* y, std::size_t count) {
   std::size_t j = 0;
   // The last pair of loads may reach one element beyond the last window: it stays out of whole vectors.
-  for (; j + kWidth < count; j += kWidth) {
-    const float* from = x + 2 * j;
-    Float kept = simd::even(simd::load(from), simd::load(from + kWidth));
-    for (std::size_t k = 1; k < kernel; ++k) {
-      const float* pair = from + k / 2 * 2;
-      const Float low = simd::load(pair), high = simd::load(pair + kWidth);
-      kept = F::call(kept, k % 2 == 0 ? simd::even(low, high) : simd::odd(low, high));
-    }
-    simd::store(y + j, kept);
-  }
-  strided<F>(x + 2 * j, kernel, 2, y + j, count - j);
+  for (; j + kWidth < count; j += kWidth, x += 2 * kWidth)
+    simd::store(y + j, every_second<F>(kernel, [x](std::int64_t at) { return simd::load(x + at); }));
+  const auto rest = static_cast<std::int64_t>(2 * (count - j) + kernel) - 2;
+  const auto load = [x, rest](std::int64_t at) {
+    return rest > at ? simd::load_some(x + at, rest - at) : simd::zero();
+  };
+  simd::store_some(y + j, every_second<F>(kernel, load), static_cast<std::int64_t>(count - j));
 }
 
 template <typename F>
 void windows(const float* x, std::size_t kernel, std::size_t stride, float* y, std::size_t count) {
-  if (stride == 2) return every_second<F>(x, kernel, y, count);
+  if (stride == 2) return rows_of_every_second<F>(x, kernel, y, count);
   if (stride != 1) return strided<F>(x, kernel, stride, y, count);
   std::size_t j = 0;
   for (; j + kWidth <= count; j += kWidth) {
