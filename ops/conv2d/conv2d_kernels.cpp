@@ -4,6 +4,7 @@
 // × columns) stays in the first-level cache, a streams.
 
 #include "ops/conv2d/conv2d_routines.h"
+#include "ops/conv2d/depthwise_kernels.h"
 #include "ops/conv2d/word_kernels.h"
 #include "ops/simd/math.h"
 
@@ -154,7 +155,7 @@ const Conv2dRoutines conv2d_routines {
       kRows, kColumns, multiply, pack_columns,
       {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>},
       {fill_rows<Fp32>, fill_rows<Bf16>, fill_rows<Int8>}, {gather<Fp32>, gather<Bf16>, gather<Int8>},
-      gather_copies, range, gate, depthwise_row
+      gather_copies, range, gate, depthwise_row, depthwise_plane, split_plane
 };
 
 }  // namespace slide::ops::SLIDE_ISA

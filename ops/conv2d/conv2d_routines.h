@@ -30,6 +30,29 @@ struct DepthwiseRow {
   float low, high;  ///< to which results are cut
 };
 
+/// Taps of one column of a depthwise filter, in rows that follow each other, over a plane without borders.
+struct DepthwiseRun {
+  std::int32_t offset;  ///< of the first tap's position for output position 0
+  std::int32_t weight;  ///< of the first tap
+  std::int32_t taps;    ///< 1 to 5
+  const float* mask;    ///< by position within step_rows rows: words of ones where the column is inside;
+                        ///< null if another run of this column follows
+};
+
+/// A depthwise filter over planes whose rows are as long as the output's and follow each other without a gap,
+/// with zeros above and below.
+struct DepthwisePlane {
+  const float* x;
+  std::int64_t width, count;  ///< of rows, of all output positions
+  std::int64_t step_rows;     ///< 1, 2 or 4: what whole vectors fill best
+  const DepthwiseRun* runs;
+  std::int64_t run_count;
+  const float* weight;
+  std::int64_t weight_step;  ///< from tap to tap of a run
+  float bias;
+  float low, high;  ///< to which results are cut
+};
+
 /// A block of the depth of a product of words (conv2d_direct.h) for a panel of rows and one of columns.
 struct WordProduct {
   const float* a;               ///< depth × rows
@@ -123,6 +146,15 @@ struct Conv2dRoutines {
   /// y[p] = bias + the taps' products in their order, for p < count. x is read up to a multiple of the vector
   /// width.
   void (*depthwise_row)(const DepthwiseRow& row, float* y, std::int64_t count);
+
+  /// y[p] = bias + the sum over the columns in their order, each the sum of its taps in theirs. x is read
+  /// around the planes, at most as many rows as taps and steps reach and a vector.
+  void (*depthwise_plane)(const DepthwisePlane& plane, float* y);
+
+  /// Rows of even length become planes split by a stride of 2: even rows' even columns, their odd columns, odd
+  /// rows' even and odd columns, phase_size apart. Numbers below `least` count as that.
+  void (*split_plane)(const float* x, std::int64_t rows, std::int64_t width, float least, float* y,
+                      std::int64_t phase_size);
 };
 
 /// A multiple of all levels' vector widths: rows that routines may read beyond their end are padded to it.

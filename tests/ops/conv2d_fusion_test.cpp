@@ -80,6 +80,9 @@ TEST_CASE("a fused convolution is the composition of its parts, and its kernels 
       Pair(x, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 2, 1, 24),
            {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kLeakyRelu, 0.1)})
           .check();
+      Pair({1, 24, 14, 12}, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 2, 1, 24),
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kRelu6)})
+          .check();
       Pair(x, {40, 24, 3, 3}, ops::Conv2dParams::same(3, 2),
            {.relu_input = relu, .residual = residual, .gate = true})
           .check();
