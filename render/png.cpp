@@ -198,7 +198,8 @@ std::vector<std::uint8_t> to_samples(const Image& image, int bits) {
   for (std::size_t i = 0; i < image.data.size(); ++i) {
     const float v = image.data[i];
     const float clamped = v > 0 ? std::min(v, 1.0F) : 0.0F;           // NaN compares false
-    const auto sample = static_cast<unsigned>(clamped * top + 0.5F);  // std::lround() is a call
+    const float next = clamped * top + 0.5F;  // std::lround() is a call
+    const auto sample = static_cast<unsigned>(next);
     if (bytes_each == 2) {
       samples[2 * i] = static_cast<std::uint8_t>(sample >> 8U);
       samples[2 * i + 1] = static_cast<std::uint8_t>(sample & 0xFFU);

@@ -32,7 +32,10 @@ std::string rate(double fps) {
 }
 
 /// For 1 <= v < 255.5, where the sum is exact as far as it decides: std::lround() is a call for each sample.
-std::uint8_t rounded(float v) { return static_cast<std::uint8_t>(v + 0.5F); }
+std::uint8_t rounded(float v) {
+  const float next = v + 0.5F;
+  return static_cast<std::uint8_t>(next);
+}
 
 void convert(const float* rgb, std::size_t count, std::uint8_t* y, std::uint8_t* cb, std::uint8_t* cr) {
   for (std::size_t i = 0; i < count; ++i) {
