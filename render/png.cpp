@@ -197,8 +197,8 @@ std::vector<std::uint8_t> to_samples(const Image& image, int bits) {
   std::vector<std::uint8_t> samples(image.data.size() * bytes_each);
   for (std::size_t i = 0; i < image.data.size(); ++i) {
     const float v = image.data[i];
-    const float clamped = v > 0 ? std::min(v, 1.0F) : 0.0F;           // NaN compares false
-    const float next = clamped * top + 0.5F;  // std::lround() is a call
+    const float clamped = v > 0 ? std::min(v, 1.0F) : 0.0F;  // NaN compares false
+    const float next = clamped * top + 0.5F;                 // std::lround() is a call
     const auto sample = static_cast<unsigned>(next);
     if (bytes_each == 2) {
       samples[2 * i] = static_cast<std::uint8_t>(sample >> 8U);
