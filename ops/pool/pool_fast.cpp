@@ -2,6 +2,7 @@
 // ends, then its columns. Means over large windows (adaptive and global) are summed in float64.
 
 #include <algorithm>
+#include <array>
 #include <limits>
 #include <vector>
 
@@ -31,6 +32,14 @@ std::span<const PoolRoutines* const> pool_routines() {
 namespace {
 
 constexpr std::int64_t kRowsPerTask = 16;
+
+/// Whether it is the maximum of 2×2 at stride 2 without padding.
+bool takes_pairs(const PoolOp& op) {
+  constexpr std::array<std::int64_t, 2> kTwo = {2, 2};
+  const PoolParams& p = op.params();
+  return op.kind() == PoolKind::kMax && p.kernel == kTwo && p.stride == kTwo &&
+         p.padding == std::array<std::int64_t, 4>{};
+}
 
 class PoolKernel : public LevelKernel<PoolOp, PoolRoutines> {
  public:
@@ -62,8 +71,18 @@ class PoolKernel : public LevelKernel<PoolOp, PoolRoutines> {
     });
   }
 
+  void halve_rows(const PoolOp& op, const Nchw& in, const Nchw& out, const float* x, float* y,
+                  std::int64_t first, std::int64_t last) const {
+    const auto width = static_cast<std::size_t>(std::min(in.w, 2 * out.w));
+    for (std::int64_t i = first; i < last; ++i) {
+      const PoolWindow rows = op.window(0, i, in.h);
+      routines().maxima_of_pairs(x + rows.begin * in.w, x + (rows.end - 1) * in.w, width, y + i * out.w);
+    }
+  }
+
   void pool_rows(const PoolOp& op, const Nchw& in, const Nchw& out, const float* x, float* y,
                  std::int64_t first, std::int64_t last) const {
+    if (takes_pairs(op)) return halve_rows(op, in, out, x, y, first, last);
     const PoolParams& p = op.params();
     const bool max = op.kind() == PoolKind::kMax;
     const std::int64_t left = p.padding[1];

@@ -1,6 +1,7 @@
 // A vector holds the windows of neighbouring outputs. At stride 1, tap k is an unaligned load k elements
 // further on; at stride 2 it is every second lane of two such loads, so that the first lanes of a pair give
-// an even tap and the others the next. Other strides go output by output for a fixed tap.
+// an even tap and the others the next. Other strides go output by output for a fixed tap. Maxima of 2×2 are
+// taken of two rows at once.
 
 #include "ops/pool/pool_routines.h"
 #include "ops/simd/lanes.h"
@@ -70,6 +71,30 @@ void windows(const float* x, std::size_t kernel, std::size_t stride, float* y, s
   strided<F>(x + j, kernel, 1, y + j, count - j);
 }
 
+SLIDE_INLINE Float larger_pairs(Float a, Float a_next, Float b, Float b_next) {
+  const Float low = Larger::call(a, b);
+  const Float high = Larger::call(a_next, b_next);
+  return Larger::call(simd::even(low, high), simd::odd(low, high));
+}
+
+void maxima_of_pairs(const float* a, const float* b, std::size_t width, float* y) {
+  const auto pairs = static_cast<std::int64_t>(width / 2);
+  std::int64_t j = 0;
+  for (; j + kWidth <= pairs; j += kWidth, a += 2 * kWidth, b += 2 * kWidth)
+    simd::store(y + j,
+                larger_pairs(simd::load(a), simd::load(a + kWidth), simd::load(b), simd::load(b + kWidth)));
+  if (const std::int64_t rest = 2 * (pairs - j); rest > 0) {
+    const auto next = [&](const float* x) {
+      return rest > kWidth ? simd::load_some(x + kWidth, rest - kWidth) : simd::zero();
+    };
+    simd::store_some(
+        y + j, larger_pairs(simd::load_some(a, rest), next(a), simd::load_some(b, rest), next(b)), rest / 2);
+    a += rest;
+    b += rest;
+  }
+  if (width % 2 != 0) y[pairs] = Larger::call(*a, *b);
+}
+
 void add_to(float* sum, const float* x, std::size_t count) {
   for (std::size_t i = 0; i < count; ++i) sum[i] += x[i];
 }
@@ -77,6 +102,6 @@ void add_to(float* sum, const float* x, std::size_t count) {
 }  // namespace
 
 extern const PoolRoutines pooling;
-const PoolRoutines pooling{Isa::SLIDE_ISA_ENUM, windows<Larger>, windows<Sum>, add_to};
+const PoolRoutines pooling{Isa::SLIDE_ISA_ENUM, windows<Larger>, windows<Sum>, maxima_of_pairs, add_to};
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -68,6 +68,25 @@ TEST_CASE("NaN reaches every window that contains it and no other; padding never
   test::judge(call);
 }
 
+TEST_CASE("halving keeps NaN, and takes what is left at odd ends as it is") {
+  const Tensor x = test::tensor_by({1, 1, 5, 41}, [](std::int64_t i) {
+    return i == 2 * 41 + 20 ? std::nan("") : -static_cast<double>(i);
+  });
+  const Call call = call_of(x, [](Value v) {
+    return ops::max_pool2d(v, params({2, 2}, {2, 2}, {0, 0, 0, 0}, true));
+  });
+  const std::vector<double> y = test::values(call.reference());
+  for (std::int64_t i = 0; i < 3; ++i)
+    for (std::int64_t j = 0; j < 21; ++j) {
+      const double value = y[static_cast<std::size_t>(i * 21 + j)];
+      if (i == 1 && j == 10)
+        CHECK(std::isnan(value));
+      else
+        CHECK(value == -static_cast<double>(2 * i * 41 + 2 * j));
+    }
+  test::judge(call);
+}
+
 TEST_CASE("any mean of a constant is the constant") {
   const Tensor x = test::tensor_by({1, 3, 13, 21}, [](std::int64_t) { return 0.3125; });
   const auto all_equal = [&](const Call& call) {
