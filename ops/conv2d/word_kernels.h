@@ -365,21 +365,26 @@ void fill_rows(const WordSource& s, const WordRows& r, float* y) {
 }
 
 void range(const float* x, std::int64_t count, float* low, float* high) {
-  Float least = simd::zero();
-  Float most = simd::zero();
+  constexpr int kSums = 4;  // independent of each other, to hide latency
+  Float least[kSums], most[kSums];
+  for (int s = 0; s < kSums; ++s) least[s] = most[s] = simd::zero();
   std::int64_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) {
-    const Float v = simd::load(x + i);
-    least = simd::min(v, least);
-    most = simd::max(v, most);
+  for (; i + kSums * kWidth <= count; i += kSums * kWidth) SLIDE_UNROLLED for (int s = 0; s < kSums; ++s) {
+      const Float v = simd::load(x + i + s * kWidth);
+      least[s] = simd::min(v, least[s]);
+      most[s] = simd::max(v, most[s]);
+    }
+  for (; i < count; i += kWidth) {
+    const Float v = load_some(x + i, count - i);
+    least[0] = simd::min(v, least[0]);
+    most[0] = simd::max(v, most[0]);
   }
-  if (i < count) {
-    const Float v = simd::load_partial(x + i, static_cast<std::size_t>(count - i));
-    least = simd::min(v, least);
-    most = simd::max(v, most);
+  for (int s = 1; s < kSums; ++s) {
+    least[0] = simd::min(least[s], least[0]);
+    most[0] = simd::max(most[s], most[0]);
   }
-  *high = simd::max_of_lanes(most);
-  *low = -simd::max_of_lanes(-least);
+  *high = simd::max_of_lanes(most[0]);
+  *low = -simd::max_of_lanes(-least[0]);
 }
 
 }  // namespace
