@@ -34,8 +34,10 @@ constexpr std::int64_t kSaliencySide = 320;
 constexpr double kForegroundFrom = 0.9;
 constexpr double kBackgroundUpTo = 0.1;
 
-/// The guided filter of slide_depth's disparity: pixels of the working size, and squared brightness.
-constexpr std::int64_t kGuideRadius = 4;
+/// The guided filters of slide_depth's disparity and slide_matte's matte: pixels of the working size, and
+/// squared brightness.
+constexpr std::int64_t kDepthGuideRadius = 4;
+constexpr std::int64_t kMatteGuideRadius = 2;
 constexpr double kGuideEps = 1e-3;
 
 /// FBA's sides; the length its trimap's Gaussians are measured in, and their widths in it.
@@ -104,7 +106,14 @@ Value slide_preprocess(Value sized) { return ops::affine(sized, 2, -1); }
 Value slide_disparity(Value image) {
   const Value sized = slide_sized(image);
   const Value coarse = ops::min_max_normalise(slide_depth(slide_preprocess(sized)));
-  return ops::clip(ops::guided_upsample(coarse, sized, image, kGuideRadius, kGuideEps), 0, 1);
+  return ops::clip(ops::guided_upsample(coarse, sized, image, kDepthGuideRadius, kGuideEps), 0, 1);
+}
+
+/// slide_matte's matte, in the same way.
+Value slide_photo_matte(Value image) {
+  const Value sized = slide_sized(image);
+  const Value coarse = slide_matte(slide_preprocess(sized));
+  return ops::clip(ops::guided_upsample(coarse, sized, image, kMatteGuideRadius, kGuideEps), 0, 1);
 }
 
 }  // namespace
@@ -125,9 +134,7 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
 
 Value estimate_matte(Value image, const NetworkChoice& network) {
   const ImageSize size = size_of_image(image);
-  if (network.model == "slide_matte")
-    return ops::resize_bilinear(slide_matte(slide_preprocess(slide_sized(image))), size.height, size.width,
-                                false);
+  if (network.model == "slide_matte") return slide_photo_matte(image);
   const Value brightest = ops::maximum(ops::reduce_max(image, {1, 2, 3}),
                                        ops::affine(ops::reduce_max(image, {1, 2, 3}), 0, 1e-6));
   const Value input = midas_preprocess(ops::div(image, brightest), {kSaliencySide, kSaliencySide});

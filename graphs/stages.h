@@ -16,8 +16,9 @@ namespace slide::graphs {
 /// Throws Error(kUsage) if the model is no depth network.
 Value estimate_disparity(Value image, const NetworkChoice& network);
 
-/// M: the saliency network's map, bilinear at the photo's size. U²-Net's is computed at 320×320 and min-max
-/// normalised as the authors do, slide_matte's at 384 pixels on the longer side.
+/// M: the saliency network's map at the photo's size. U²-Net's is computed at 320×320, min-max normalised and
+/// enlarged bilinearly as the authors do; slide_matte's is computed at 384 pixels on the longer side and
+/// enlarged by ops::guided_upsample.
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value estimate_matte(Value image, const NetworkChoice& network);
 

@@ -5,7 +5,9 @@
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
+#include "graphs/stages.h"
 #include "ops/fill/fill.h"
+#include "ops/pointwise/pointwise.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
@@ -60,6 +62,19 @@ TEST_CASE("the default networks with the default weights agree with PyTorch in f
     fast.run(inputs(file, model));
     CHECK(max_abs_difference(fast.tensor("0"), wanted) <= 1e-5 * max_abs(wanted));
   }
+}
+
+TEST_CASE("slide_matte's matte at the photo's size agrees with PyTorch and the guided filter in numpy") {
+  const SafetensorsFile file = golden();
+  const SafetensorsWeights weights = default_weights("slide_matte");
+  const Tensor wanted = file.tensor("matte_stage");
+  Graph g;
+  const Value photo = g.input("photo", {1, 3, 64, 96});
+  g.output("M", estimate_matte(ops::affine(photo, 0.5, 0.5), {"slide_matte", &weights}));
+  FastExecutor run(g, weights);
+  run.run({{"photo", file.tensor("photo")}});
+  // float32's roundings in the network, as above; the guided filter is in float64.
+  CHECK(max_abs_difference(run.tensor("M"), wanted) <= 1e-5);
 }
 
 TEST_CASE("the weights of the background and the fill agree with PyTorch in float64") {

@@ -1,18 +1,20 @@
 #!/usr/bin/python3
 """Golden outputs of the project's own networks: PyTorch in float64 on the exported (float16) weights.
 
-  make_slide_networks.py WEIGHTS OUT.safetensors      WEIGHTS: the folder of slide_*.safetensors. Debian: python3-torch
+  make_slide_networks.py WEIGHTS OUT.safetensors      WEIGHTS: the folder of slide_*.safetensors. Debian: python3-torch, python3-opencv
 """
 import os
 import sys
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 
 HERE = os.path.dirname(os.path.abspath(__file__))
 sys.path[:0] = [HERE, os.path.join(HERE, '../../weights_tools/train')]
 from common import load_safetensors  # noqa: E402
 from depth_net import DepthNet  # noqa: E402
+from guided import MATTE_RADIUS, guided_upsample  # noqa: E402
 from inpaint_net import InpaintNet  # noqa: E402
 from make_fill import save  # noqa: E402
 from matte_net import MatteNet  # noqa: E402
@@ -31,6 +33,14 @@ def single(v):
     return torch.from_numpy(np.asarray(v, np.float32).astype(np.float64))
 
 
+def matte_stage(photo):
+    """graphs/stages' matte of a photo in [0, 1]: 384 pixels on the longer side, enlarged with the photo as guide."""
+    small = F.interpolate(photo, size=(256, 384), mode='bicubic', align_corners=False)
+    matte = torch.sigmoid(net(MatteNet, 'slide_matte')(small)[0])
+    picture = lambda v: v[0].permute(1, 2, 0).numpy()
+    return torch.from_numpy(guided_upsample(matte[0, 0].numpy(), picture(small), picture(photo), MATTE_RADIUS).clip(0, 1))[None, None]
+
+
 @torch.no_grad()
 def main():
     rng = np.random.default_rng(3)
@@ -45,6 +55,7 @@ def main():
     out = {k: v.float() for k, v in {'photo': rgbd[:, :3], 'disparity': d, 'hole': hole, 'rgbd': rgbd}.items()}
     out['slide_depth'] = net(DepthNet, 'slide_depth')(rgbd[:, :3])[:, None]
     out['slide_matte'] = torch.sigmoid(net(MatteNet, 'slide_matte')(rgbd[:, :3] / 2 + .5)[0])
+    out['matte_stage'] = matte_stage(rgbd[:, :3] / 2 + .5)
     out['slide_inpaint'] = net(InpaintNet, 'slide_inpaint')(rgbd, d, hole)
     save(sys.argv[2], out)
     print({k: float(v.abs().max()) for k, v in out.items()})

@@ -22,7 +22,7 @@ from scipy import ndimage
 from common import Ragged, load_safetensors
 from depth_net import DepthNet
 from fill import background_fill, background_weight, push_pull_fill
-from guided import guided_upsample
+from guided import MATTE_RADIUS, guided_upsample
 from inpaint_data import InpaintData, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
@@ -259,6 +259,17 @@ def inpaint(a):
 
 # ---- mattes
 
+@torch.no_grad()
+def matte_of(net, image, side=384, guided=True):
+    """At the photo's size, as graphs/stages makes it; without guide enlarged bilinearly."""
+    if not guided:
+        return predict(net, image, 'cpu', side)
+    h, w = input_size(*image.shape[:2], side)
+    small = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC)
+    y = torch.sigmoid(net(torch.from_numpy(small.transpose(2, 0, 1)[None].astype(np.float32) / 255))[0])
+    return guided_upsample(y[0, 0].double().numpy(), small / 255, image / 255, MATTE_RADIUS).clip(0, 1)
+
+
 def gradient_error(a, m):
     return np.mean([np.abs(np.diff(a - m, axis=k)).mean() for k in (0, 1)])
 
@@ -272,18 +283,19 @@ def matte(a):
         for name, scale in (('alphamatting, half size', .5), ('alphamatting, full size', 1)):
             sets[name] = [(image, m / 255) for image, m in alphamatting(a.alphamatting, scale)]
     for name, pairs in sets.items():
-        rows, flat = [], []
-        for image, m in pairs:
-            y = predict(net, image, 'cpu')
-            union = ((y > .5) | (m > .5)).sum()
-            rows.append((np.abs(y - m).mean(), gradient_error(y, m), ((y > .5) & (m > .5)).sum() / union if (m > .5).mean() > .02 else np.nan))
-            flat.append((np.abs(m.mean() - m).mean(), gradient_error(m * 0, m)))
-        e, g, i = np.nanmean(rows, 0)
-        print(f'{name}: error {e:.4f}, gradient error {g:.4f}, IoU {i:.3f}; a constant: {np.mean(flat, 0)[0]:.4f}, {np.mean(flat, 0)[1]:.4f}', flush=True)
+        flat = np.mean([(np.abs(m.mean() - m).mean(), gradient_error(m * 0, m)) for _, m in pairs], 0)
+        for how, guided in (('', True), (', bilinear', False)):
+            rows = []
+            for image, m in pairs:
+                y = matte_of(net, image, guided=guided)
+                union = ((y > .5) | (m > .5)).sum()
+                rows.append((np.abs(y - m).mean(), gradient_error(y, m), ((y > .5) & (m > .5)).sum() / union if (m > .5).mean() > .02 else np.nan))
+            e, g, i = np.nanmean(rows, 0)
+            print(f'{name}{how}: error {e:.4f}, gradient error {g:.5f}, IoU {i:.3f}; a constant: {flat[0]:.4f}, {flat[1]:.5f}', flush=True)
     if a.u2netp:
         print(f'U2-NetP\'s published maps: {beside_published(net, a.u2netp)}', flush=True)
     if a.sheet:
-        sheet(a, lambda image: predict(net, image, 'cpu'), False)
+        sheet(a, lambda image: matte_of(net, image), False)
 
 
 def beside_published(net, folder):
@@ -292,7 +304,7 @@ def beside_published(net, folder):
     for path in sorted(glob.glob(folder + '/*_u2netp.png')):
         photo, = [f for f in glob.glob(path[:-len('_u2netp.png')] + '.*')]
         image, theirs = cv2.imread(photo)[..., ::-1].copy(), cv2.imread(path)[..., 0] / 255
-        y = predict(net, image, 'cpu')
+        y = matte_of(net, image)
         theirs = cv2.resize(theirs, y.shape[::-1])
         rows.append((np.abs(y - theirs).mean(), ((y > .5) & (theirs > .5)).sum() / max(1, ((y > .5) | (theirs > .5)).sum())))
     return f'{len(rows)} photos, difference {np.mean(rows, 0)[0]:.4f}, IoU {np.mean(rows, 0)[1]:.3f}, over 0.8 in {sum(i > .8 for _, i in rows)}'

@@ -2,7 +2,7 @@
 import cv2
 import numpy as np
 
-RADIUS, EPS = 4, 1e-3
+RADIUS, MATTE_RADIUS, EPS = 4, 2, 1e-3  # of disparity, of mattes; of both
 
 
 def guided_coefficients(guide, x, radius=RADIUS, eps=EPS):
