@@ -10,25 +10,37 @@ namespace slide::ops {
 /// Whether nothing is left to do after the sums but what the product does: then it writes to y.
 bool Conv2dDirect::writes_y() const noexcept { return !gated_ && !upsampled_ && epilogue_.empty(nullptr); }
 
-/// Words k, ... of a panel of weights times positions that fill at most one panel of columns.
-void Conv2dDirect::multiply(const Call& call, const Task& t, std::int64_t panel, std::int64_t k,
-                            const Columns& columns, float* sums) const {
-  const std::int64_t rows = routines_.rows;
+/// Words k, ... of a task's weights.
+Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::int64_t k) const noexcept {
   const std::int64_t depth = std::min(block_depth_, depth_ - k);
   const std::int64_t group = t.variant * g_.groups + t.group;
-  const std::int64_t row = (group * panels_ + panel) * rows;
   const auto* packed = static_cast<const float*>(static_cast<const void*>(call.arrays.packed));
-  const std::int64_t channel = t.image * g_.oc + t.group * g_.group_oc + panel * rows;
-  const std::int64_t at = channel * g_.oplane() + t.first_row * columns_out_ + columns.first;
-  const bool last = k + depth == depth_;
+  const std::int64_t channel = t.image * g_.oc + t.group * g_.group_oc;
   const bool to_y = writes_y();
-  const float* residual = to_y && call.arrays.residual != nullptr ? call.arrays.residual + at : nullptr;
+  return {depth,
+          k == 0,
+          k + depth == depth_,
+          to_y,
+          to_y ? g_.oplane() : routines_.columns,
+          group * panels_ * routines_.rows,
+          channel * g_.oplane() + t.first_row * columns_out_,
+          packed + (group * panels_ * depth_ + panels_ * k) * routines_.rows};
+}
+
+/// A panel of weights times positions that fill at most one panel of columns.
+void Conv2dDirect::multiply(const Call& call, const Task& t, const Block& block, std::int64_t panel,
+                            const Columns& columns, float* sums) const {
+  const std::int64_t rows = routines_.rows;
+  const std::int64_t first_row = panel * rows;
+  const std::int64_t row = block.row + first_row;
+  const std::int64_t at = block.at + first_row * g_.oplane() + columns.first;
+  const float* residual = block.to_y && call.arrays.residual != nullptr ? call.arrays.residual + at : nullptr;
   routines_.multiply_words[static_cast<std::size_t>(precision_)](
-      {packed + (group * panels_ * depth_ + panels_ * k + panel * depth) * rows, columns.b, columns.offsets,
-       depth, std::min(rows, g_.group_oc - panel * rows), columns.count, k == 0 ? call.starts + row : nullptr,
-       sums, last, call.steps + row, call.biases + row, residual, residual_last_, epilogue_.low(),
-       epilogue_.high(), to_y ? call.arrays.y + at : sums, to_y ? g_.oplane() : routines_.columns});
-  if (last && !to_y) write_rows(call, t, panel, columns.first, columns.count, sums);
+      {block.a + first_row * block.depth, columns.b, columns.offsets, block.depth,
+       std::min(rows, g_.group_oc - first_row), columns.count, block.first ? call.starts + row : nullptr,
+       sums, block.last, call.steps + row, call.biases + row, residual, residual_last_, epilogue_.low(),
+       epilogue_.high(), block.to_y ? call.arrays.y + at : sums, block.y_stride});
+  if (block.last && !block.to_y) write_rows(call, t, panel, columns.first, columns.count, sums);
 }
 
 /// What comes after the sums of a panel.
@@ -82,6 +94,7 @@ void Conv2dDirect::run_streaming(const Call& call, const Task& t, float* memory)
       fill_plane(call, first_word + k / taps_ + word, t.first_row, rows,
                  memory + word * phases * plane_size_);
     const float* planes = local_ ? memory : call.arrays.x + first_word * g_.plane();
+    const Block of_k = block(call, t, k);
     float* sums = memory + strip_planes();
     for (std::int64_t first = t.first, count = 0; first < t.first + t.count; first += count) {
       const std::int64_t column = first % columns_out_;
@@ -90,7 +103,7 @@ void Conv2dDirect::run_streaming(const Call& call, const Task& t, float* memory)
                        offsets_.data() + (local_ ? 0 : k)};
       for (std::int64_t panel = t.first_panel; panel < t.last_panel;
            ++panel, sums += routines_.rows * columns)
-        multiply(call, t, panel, k, at, sums);
+        multiply(call, t, of_k, panel, at, sums);
     }
   }
 }
@@ -160,13 +173,14 @@ void Conv2dDirect::run_gathered(const Call& call, const Task& t, float* memory) 
       first += panels[count].count;
     }
     for (std::int64_t k = 0; k < depth_; k += block_depth_) {
+      const Block of_k = block(call, t, k);
       float* b = gathered;
       for (std::size_t i = 0; i < count; ++i, b += columns * block_depth_)
         find_words(call, t, k, planes, b, panels[i]);
       float* sums = tile;
       for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
         for (std::size_t i = 0; i < count; ++i, sums += routines_.rows * columns)
-          multiply(call, t, panel, k, panels[i], sums);
+          multiply(call, t, of_k, panel, panels[i], sums);
     }
   }
 }

@@ -91,13 +91,21 @@ class Conv2dDirect {
     const float* b;
     const std::int32_t* offsets;
   };
+  struct Block {  // of the depth: what all panels of a task have in common
+    std::int64_t depth;
+    bool first, last, to_y;
+    std::int64_t y_stride, row;  // of panel 0
+    std::int64_t at;             // of panel 0 and the strip, in y
+    const float* a;              // of panel 0
+  };
   [[nodiscard]] std::int64_t panel_columns(std::int64_t first, std::int64_t last) const noexcept;
   void find_words(const Call& call, const Task& task, std::int64_t k, const float* planes, float* gathered,
                   Columns& columns) const;
   void gather_panel(const Call& call, const Task& task, std::int64_t first, std::int64_t count,
                     std::int64_t k, const float* planes, float* b) const;
   void run_streaming(const Call& call, const Task& task, float* memory) const;
-  void multiply(const Call& call, const Task& task, std::int64_t panel, std::int64_t k,
+  [[nodiscard]] Block block(const Call& call, const Task& task, std::int64_t k) const noexcept;
+  void multiply(const Call& call, const Task& task, const Block& block, std::int64_t panel,
                 const Columns& columns, float* sums) const;
   [[nodiscard]] bool writes_y() const noexcept;
   void write_rows(const Call& call, const Task& task, std::int64_t panel, std::int64_t first,
