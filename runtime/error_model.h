@@ -24,9 +24,9 @@ namespace slide {
 [[nodiscard]] std::vector<double> error_shares(const Graph& graph, const std::vector<bool>& constant);
 
 /// By node: whether it belongs to the ends of a network, which a plan of 8-bit integers keeps in float32:
-/// of the nodes marked `low` (there is a kernel of that precision) those that no other comes before, and those
-/// that no other comes behind on some way to an output. If that is all of them the network has no ends, and
-/// none is marked.
+/// of the nodes marked `low` (there is a kernel of that precision) those that no other comes before, and
+/// those that no other comes behind on some way to an output. If that is all of them the network has no ends,
+/// and none is marked.
 [[nodiscard]] std::vector<bool> network_ends(const Graph& graph, const std::vector<bool>& low);
 
 /// One way to compute a node.

@@ -151,8 +151,8 @@ struct Conv2dRoutines {
   /// around the planes, at most as many rows as taps and steps reach and a vector.
   void (*depthwise_plane)(const DepthwisePlane& plane, float* y);
 
-  /// Rows of even length become planes split by a stride of 2: even rows' even columns, their odd columns, odd
-  /// rows' even and odd columns, phase_size apart. Numbers below `least` count as that.
+  /// Rows of even length become planes split by a stride of 2: even rows' even columns, their odd columns,
+  /// odd rows' even and odd columns, phase_size apart. Numbers below `least` count as that.
   void (*split_plane)(const float* x, std::int64_t rows, std::int64_t width, float least, float* y,
                       std::int64_t phase_size);
 };
