@@ -290,13 +290,19 @@ def parse():
 
 
 def touch_free_memory():
-    """In a virtual machine, memory costs milliseconds a megabyte when it is touched for the first time since the start, whoever does: all of it now."""
+    """In a virtual machine, memory costs milliseconds a megabyte when it is touched for the first time since the start, whoever does: all of it now.
+
+    By a process of its own, whose size this one's children do not inherit as their highest."""
+    if os.fork() != 0:
+        os.wait()
+        return
     with open('/proc/meminfo') as f:
         free = next(int(line.split()[1]) << 10 for line in f if line.startswith('MemFree'))
     with mmap.mmap(-1, max(free // 10 * 8, mmap.PAGESIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as memory:
         memory.madvise(mmap.MADV_HUGEPAGE)
         for at in range(0, len(memory), mmap.PAGESIZE):
             memory[at] = 1
+    os._exit(0)
 
 
 def main():
