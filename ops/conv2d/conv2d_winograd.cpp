@@ -67,7 +67,6 @@ constexpr double kMostProducts2 = 0.6, kMostProducts = 0.4;  // of 9 for an outp
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
 // cache.
 constexpr std::int64_t kSkew = 16;
-constexpr std::int64_t kCacheLine = 16;  // floats
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 std::int64_t round_up(std::int64_t a, std::int64_t b) { return divide_up(a, b) * b; }
@@ -378,7 +377,8 @@ void Conv2dWinogradBase::transform_channel(const Strip& strip, std::int64_t chan
     if (channel + 1 < g_.ic)
       for (std::int64_t u = 2; u < tile_ + 2; ++u)
         if (rows[u] != memory)
-          for (std::int64_t j = 0; j < in.count; j += 16) __builtin_prefetch(rows[u] + g_.plane() + j);
+          for (std::int64_t j = 0; j < in.count; j += kCacheLine)
+            __builtin_prefetch(rows[u] + g_.plane() + j);
     transforms_.input(points_, in);
   }
 }

@@ -12,7 +12,7 @@ namespace {
 /// What the next filter's rows will be written to and added.
 void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
   for (std::int64_t i = 0; i < out.rows; ++i)
-    for (std::int64_t j = 0; j < out.columns; j += kRowAlignment) {
+    for (std::int64_t j = 0; j < out.columns; j += kCacheLine) {
       const std::int64_t at = plane + i * out.row_size + j;
       __builtin_prefetch(out.y + at, 1);
       if (out.residual != nullptr) __builtin_prefetch(out.residual + at);

@@ -304,8 +304,7 @@ constexpr int kVectors = 2;
 #endif
 constexpr std::int64_t kColumns = kVectors * kWidth;
 
-constexpr int kNear = 3, kFar = 2;       // of __builtin_prefetch: first-level cache, second-level cache
-constexpr std::int64_t kCacheLine = 16;  // floats
+constexpr int kNear = 3, kFar = 2;  // of __builtin_prefetch: first-level cache, second-level cache
 
 // Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
 #define SLIDE_UNROLLED _Pragma("GCC unroll 12")

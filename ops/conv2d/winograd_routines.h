@@ -6,6 +6,8 @@
 
 namespace slide::ops {
 
+inline constexpr std::int64_t kCacheLine = 16;  ///< floats
+
 /// The pairs of points ±p of a tile of m = 2·pairs, as the transforms use them.
 struct WinogradPoints {
   float square[3];    ///< p²
