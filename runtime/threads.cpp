@@ -2,7 +2,7 @@
 
 #include <omp.h>
 
-#include <atomic>
+#include <algorithm>
 #include <exception>
 #include <mutex>
 #if defined(__x86_64__)
@@ -11,6 +11,8 @@
 
 namespace slide {
 namespace {
+
+constexpr std::int64_t kRangesPerTaker = 32;  // so that at most that part of the work is waited for
 
 std::atomic<int> wanted_threads{0};
 
@@ -55,6 +57,14 @@ int thread_count() noexcept {
 
 void set_thread_count(int count) noexcept { wanted_threads = count; }
 
+WorkRanges::WorkRanges(std::int64_t n, std::int64_t takers) noexcept
+    : n_(n), size_(std::max<std::int64_t>(1, n / (takers * kRangesPerTaker))) {}
+
+WorkRanges::Range WorkRanges::take() noexcept {
+  const std::int64_t first = next_.fetch_add(size_, std::memory_order_relaxed);
+  return {std::min(first, n_), std::min(first + size_, n_)};
+}
+
 int thread_index() noexcept { return omp_get_thread_num(); }
 
 void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body) {
@@ -63,24 +73,23 @@ void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body)
     for (std::int64_t i = 0; i < n; ++i) body(i);
     return;
   }
+  const int threads = thread_count();
+  WorkRanges ranges(n, threads);
   std::exception_ptr failure;
   std::mutex failure_mutex;
   std::atomic<bool> failed{false};
   const std::uint64_t mode = float_mode();
-#pragma omp parallel num_threads(thread_count())
+#pragma omp parallel num_threads(threads)
   {
     const std::uint64_t worker_mode = float_mode();
     set_float_mode(mode);
-#pragma omp for schedule(dynamic, 1)
-    for (std::int64_t i = 0; i < n; ++i) {
-      if (failed) continue;
-      try {
-        body(i);
-      } catch (...) {
-        const std::scoped_lock lock(failure_mutex);
-        if (!failure) failure = std::current_exception();
-        failed = true;
-      }
+    try {
+      for (WorkRanges::Range r = ranges.take(); r.first < r.last && !failed; r = ranges.take())
+        for (std::int64_t i = r.first; i < r.last; ++i) body(i);
+    } catch (...) {
+      const std::scoped_lock lock(failure_mutex);
+      if (!failure) failure = std::current_exception();
+      failed = true;
     }
     set_float_mode(worker_mode);
   }

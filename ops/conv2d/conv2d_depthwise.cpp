@@ -1,7 +1,6 @@
 #include "ops/conv2d/conv2d_depthwise.h"
 
 #include <algorithm>
-#include <atomic>
 #include <bit>
 #include <cstring>
 #include <limits>
@@ -180,28 +179,33 @@ void Conv2dDepthwise::run_filter(std::int64_t plane, std::int64_t filter, const 
   }
 }
 
+void Conv2dDepthwise::run_plane(std::int64_t plane, float* padded, const Conv2dArrays& arrays,
+                                float* sums) const {
+  const float* x = arrays.x + plane * g_.plane();
+  if (joined_)
+    copy_plane(x, padded + margin_);
+  else
+    pad_plane(x, padded);
+  const std::int64_t group = plane % g_.ic;
+  for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o)
+    if (joined_)
+      run_joined(plane, o, padded + margin_, arrays);
+    else
+      run_filter(plane, o, padded, arrays, sums);
+}
+
 void Conv2dDepthwise::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
   auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
   const std::int64_t slots = static_cast<std::int64_t>(scratch.size() / sizeof(float)) / thread_size();
-  std::atomic<std::int64_t> next{0};
+  WorkRanges planes(g_.batch * g_.ic, slots);
   parallel_for(slots, [&](std::int64_t slot) {
     float* padded = memory + slot * thread_size();
     float* sums = padded + padded_size();
     // Read, and dropped; or zeros around planes.
     std::fill(joined_ ? padded : sums - kRowAlignment - kRowAlignment, sums, 0.0F);
-    for (std::int64_t plane = next++; plane < g_.batch * g_.ic; plane = next++) {
-      const float* x = arrays.x + plane * g_.plane();
-      if (joined_)
-        copy_plane(x, padded + margin_);
-      else
-        pad_plane(x, padded);
-      const std::int64_t group = plane % g_.ic;
-      for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o)
-        if (joined_)
-          run_joined(plane, o, padded + margin_, arrays);
-        else
-          run_filter(plane, o, padded, arrays, sums);
-    }
+    for (auto range = planes.take(); range.first < range.last; range = planes.take())
+      for (std::int64_t plane = range.first; plane < range.last; ++plane)
+        run_plane(plane, padded, arrays, sums);
   });
 }
 
