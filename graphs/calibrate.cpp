@@ -25,7 +25,8 @@ Layers layers_of(const Graph& graph) {
     if (graph.node(i).kind == NodeKind::kOp)
       if (const std::string key = calibration_key(graph, i); !key.empty()) all.layers[key] = {{0, 1}, 0};
   Layers layers;
-  const Plan plan = make_plan(graph, PlanOptions{.precision = Precision::kInt8, .calibration = &all});
+  const Plan plan = make_plan(
+      graph, PlanOptions{.precision = Precision::kInt8, .calibration = &all, .only_precision = true});
   for (const PlanStep& step : plan.steps)
     if (step.kernel->precision() == Precision::kInt8)
       layers[calibration_key(graph, step.node)].push_back(step.node);
@@ -112,7 +113,8 @@ class Calibrator {
     alone.layers[key] = {range, 0};
     double error = 0;
     for (const Sample& sample : samples_) {
-      FastExecutor fast(*sample.graph, weights_, {.precision = Precision::kInt8, .calibration = &alone});
+      FastExecutor fast(*sample.graph, weights_,
+                        {.precision = Precision::kInt8, .calibration = &alone, .only_precision = true});
       step(key);
       fast.run(sample.inputs);
       for (std::size_t i = 0; i < sample.outputs.size(); ++i)

@@ -24,7 +24,8 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                               .keep_all = options.keep_all,
                               .precision = options.precision,
                               .error_budget = options.error_budget,
-                              .calibration = calibration_of(weights, options)})),
+                              .calibration = calibration_of(weights, options),
+                              .only_precision = options.only_precision})),
       keep_all_(options.keep_all) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)
     throw Error(ErrorKind::kOutOfMemory,

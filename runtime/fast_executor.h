@@ -23,6 +23,7 @@ struct FastOptions {
   Precision precision = Precision::kFp32;    ///< as in PlanOptions
   double error_budget = 0;                   ///< as in PlanOptions
   const Calibration* calibration = nullptr;  ///< as in PlanOptions; null: that of the weights
+  bool only_precision = false;               ///< as in PlanOptions
 };
 
 /// Runs a graph's plan: constants folded once in float64 and packed once, one kernel a node, all results in

@@ -23,15 +23,20 @@ bool usable(const Kernel& kernel, const Node& node, std::span<const Shape> input
   return runs_at(kernel.isa(), isa) && kernel.supports(*node.op, inputs, node.shape);
 }
 
-const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision) {
+/// The first kernel of the highest level, of `precision` or a higher one that is not float32, if there is
+/// any. `only`: of no other than float32 and `precision`.
+const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision,
+                            bool only = false) {
   const Kernel* best = nullptr;
   const auto better = [&](const Kernel& kernel) {
     if (best == nullptr) return true;
-    if (kernel.precision() != best->precision()) return kernel.precision() == precision;
+    const bool low = kernel.precision() != Precision::kFp32;
+    if (low != (best->precision() != Precision::kFp32)) return low;
     return kernel.isa() > best->isa();
   };
   for (const Kernel* kernel : node.op->kernels()) {
-    const bool allowed = kernel->precision() == precision || kernel->precision() == Precision::kFp32;
+    const bool allowed = kernel->precision() == precision || kernel->precision() == Precision::kFp32 ||
+                         (!only && kernel->precision() < precision);
     if (allowed && usable(*kernel, node, inputs, isa) && better(*kernel)) best = kernel;
   }
   if (best == nullptr)
@@ -127,7 +132,7 @@ Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& opti
   std::vector<bool> low(kernels.size(), false);
   const auto choose = [&](std::size_t i, Precision precision) {
     const Node& node = graph.nodes()[i];
-    kernels[i] = &choose_kernel(node, input_shapes(graph, node), plan.isa, precision);
+    kernels[i] = &choose_kernel(node, input_shapes(graph, node), plan.isa, precision, options.only_precision);
   };
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     if (!is_step(graph, plan, static_cast<int>(i))) continue;

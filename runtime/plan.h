@@ -48,16 +48,18 @@ struct PlanOptions {
   /// If not null, layers that it does not name are not computed in 8-bit integers, and the errors of those
   /// that it names are what it says.
   const Calibration* calibration = nullptr;
+  /// Without a budget: no kernels between `precision` and float32, be they faster.
+  bool only_precision = false;
 };
 
 /// Plans a graph. Reads no weights.
 ///
 /// Without a budget each node gets the first kernel of the highest level not above `isa` that supports the
-/// shapes and computes in `precision`, else in float32. Of 8-bit integers those that calibration found to
-/// make the largest errors are kept in float32 until the rest is expected to stay within kInt8Error; without
-/// calibration the network's ends are (network_ends()). With a budget it gets one of the kernels of
-/// `precision` and of all higher ones, so that the predicted error stays within the budget and the predicted
-/// time is small (choose_within()).
+/// shapes and computes in `precision` or one between it and float32, else in float32. Of those below float32
+/// the ones with the largest errors by the calibration are replaced until the rest is expected to stay within
+/// kInt8Error or kBf16Error; without calibration 8-bit integers leave the network's ends (network_ends()).
+/// With a budget each node gets one of the kernels of `precision` and of all higher ones, so that the
+/// predicted error stays within the budget and the predicted time is small (choose_within()).
 ///
 /// Throws Error(kInternal) if an operator has no kernel for a node, Error(kUsage) if the most exact kernels
 /// are predicted to be over the budget.

@@ -5,19 +5,13 @@
 #include <cmath>
 #include <cstring>
 
+#include "ops/conv2d/bf16_bits.h"
 #include "ops/conv2d/conv2d_direct.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
 namespace {
-
-/// The nearest bfloat16, ties to even; NaN stays NaN.
-std::uint32_t bf16_bits(float x) {
-  const auto bits = std::bit_cast<std::uint32_t>(x);
-  if (x != x) return bits >> 16U | 0x40U;
-  return (bits + 0x7FFFU + (bits >> 16U & 1U)) >> 16U;
-}
 
 /// Taps 2×2 of one parity stand for these rows (or columns) of the 3×3.
 bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {

@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
+#include <vector>
 
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/conv2d/conv2d_method.h"
@@ -40,8 +41,6 @@ namespace slide::ops {
 ///   F(6)                           19   21   26   31
 class Conv2dWinogradBase {
  public:
-  static constexpr Precision kPrecision = Precision::kFp32;
-
   [[nodiscard]] std::size_t packed_bytes() const noexcept;
   void pack(const float* weight, std::byte* packed) const;
   [[nodiscard]] std::size_t scratch_bytes() const noexcept;
@@ -51,8 +50,9 @@ class Conv2dWinogradBase {
   void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
 
  protected:
-  Conv2dWinogradBase(int tile, const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
-                     const Conv2dFusion& fusion);
+  /// Precision: kFp32, or kBf16 with tiles of 4.
+  Conv2dWinogradBase(int tile, Precision precision, const Conv2dRoutines& routines,
+                     const Conv2dGeometry& geometry, const Conv2dFusion& fusion);
   /// Whether it can, and is worth it: enough channels and tiles.
   [[nodiscard]] static bool pays(int tile, const Conv2dGeometry& geometry,
                                  const Conv2dFusion& fusion) noexcept;
@@ -73,8 +73,10 @@ class Conv2dWinogradBase {
   [[nodiscard]] std::int64_t work_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
-  void transform_channel(const Strip& strip, std::int64_t channel, const float* x, float* v,
-                         float* memory) const;
+  void list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
+                 std::int64_t channels, std::vector<double>& taps) const;
+  void transform_channels(const Strip& strip, std::int64_t word, const float* x, float* v,
+                          float* memory) const;
   void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
                 float* memory) const;
   void transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
@@ -84,7 +86,9 @@ class Conv2dWinogradBase {
 
   const Conv2dRoutines& routines_;
   const WinogradRoutines& winograd_;
+  const WinogradMultiplier& multiplier_;
   const WinogradTransforms& transforms_;
+  Precision precision_;
   Conv2dGeometry g_;
   bool gated_, relu_input_;
   bool finishes_rows_;  // the output transform does, with residual and clamp
@@ -93,8 +97,10 @@ class Conv2dWinogradBase {
   int tile_;                  // m
   std::int64_t frequencies_;  // (m + 2)²
   WinogradPoints points_;
-  std::int64_t block_depth_;     // channels summed before they are added to the sum
-  std::int64_t part_depth_;      // channels that are multiplied with all rows before the next; whole blocks
+  std::int64_t lanes_;           // channels of a word
+  std::int64_t words_;           // of a tile's frequency
+  std::int64_t block_depth_;     // words of float32 summed before they are added to the sum
+  std::int64_t part_depth_;      // words that are multiplied with all rows before the next; whole blocks
   std::int64_t lines_;           // of tiles in an image
   std::int64_t line_tiles_;      // of a line, or of its segment
   std::int64_t phase_size_;      // columns of a panel of tiles, as phases of rows of sums are padded
@@ -112,9 +118,10 @@ class Conv2dWinogradBase {
 template <int Tile>
 class Conv2dWinograd : public Conv2dWinogradBase {
  public:
+  static constexpr Precision kPrecision = Precision::kFp32;
   Conv2dWinograd(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                  const Conv2dFusion& fusion = {})
-      : Conv2dWinogradBase(Tile, routines, geometry, fusion) {}
+      : Conv2dWinogradBase(Tile, kPrecision, routines, geometry, fusion) {}
 
   /// 3x3, stride 1, one group, no upsampled input, and channels and tiles enough to be worth it.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
@@ -122,6 +129,22 @@ class Conv2dWinograd : public Conv2dWinogradBase {
   /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
     winograd_error_scale(Tile, g, inputs, scale);
+  }
+};
+
+/// F(4) whose transformed weights and inputs are rounded to bfloat16; sums and transforms are float32.
+class Conv2dWinogradBf16 : public Conv2dWinogradBase {
+ public:
+  static constexpr Precision kPrecision = Precision::kBf16;
+  Conv2dWinogradBf16(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                     const Conv2dFusion& fusion = {})
+      : Conv2dWinogradBase(4, kPrecision, routines, geometry, fusion) {}
+
+  /// Where F(4) is, with channels enough for the products to be most of the work.
+  [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+
+  static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
+    winograd_error_scale(4, g, inputs, scale);
   }
 };
 

@@ -40,7 +40,7 @@ void Conv2dWinogradBase::transform_filters(const Run& run, const float* products
     out.columns = std::min(out.tiles * tile_, g_.owidth - run.first * tile_);
   }
   for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
-    out.m = products + (row - run.first_filter) * winograd_.columns;
+    out.m = products + (row - run.first_filter) * multiplier_.columns;
     out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
     out.y = gated_ && row % 2 == 1 ? sums + gate : sums;
     if (finishes_rows_) {

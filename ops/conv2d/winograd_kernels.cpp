@@ -16,6 +16,7 @@
 #include <utility>
 
 #include "ops/conv2d/winograd_routines.h"
+#include "ops/conv2d/words.h"
 #include "ops/simd/lanes.h"
 #include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
@@ -23,7 +24,6 @@
 namespace slide::ops::SLIDE_ISA {
 namespace {
 
-using simd::Float;
 constexpr std::int64_t kWidth = simd::kWidth;
 
 /// high - square·low: the factor x² - p² at x^i, where low and high are the coefficients of x^i and x^(i+2).
@@ -133,16 +133,18 @@ void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, 
         __builtin_memcpy(phases + p * size + group * dilation + j, row + j, kStep * sizeof(float));
 }
 
-/// The vertical transform of a line.
+/// The vertical transform of a line of one channel.
 template <int M>
-SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in) {
+SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in,
+                                 int channel) {
+  float* buffer = in.buffer + channel * (M + 2) * in.row_size;
   for (int u = 0; u < M + 2; ++u) {
-    float* row = in.buffer + u * in.row_size;
+    float* row = buffer + u * in.row_size;
     for (std::int64_t j = 0; j < in.left; ++j) row[j] = 0;
     for (std::int64_t j = in.left + in.count; j < in.used; ++j) row[j] = 0;
   }
   const float* rows[M + 2];
-  for (int u = 0; u < M + 2; ++u) rows[u] = in.rows[u];
+  for (int u = 0; u < M + 2; ++u) rows[u] = in.rows[channel * (M + 2) + u];
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;
     const auto rest = static_cast<std::size_t>(in.count - j);
@@ -152,7 +154,7 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
     if (in.relu)
       for (Float& value : d) value = simd::max(simd::zero(), value);
     transform_input<M>(square, point, d);
-    float* to = in.buffer + in.left + j;
+    float* to = buffer + in.left + j;
     for (int u = 0; u < M + 2; ++u) {
       if (whole)
         simd::store(to + u * in.row_size, d[u]);
@@ -162,9 +164,9 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
   }
 }
 
-/// The horizontal transform of one transformed row, to the panels: load(t, d) gives columns 0 .. M+1 of the
-/// tiles from t on.
-template <int M, typename Load>
+/// The horizontal transform of one transformed row of each channel, to the panels: load(channel, t, d) gives
+/// columns 0 .. M+1 of the tiles from t on.
+template <int M, typename P, typename Load>
 SLIDE_INLINE void transform_columns(const Float* square, const Float* point, const WinogradInput& in,
                                     const Load& load, float* v) {
   std::int64_t column = in.first % in.columns;
@@ -172,16 +174,21 @@ SLIDE_INLINE void transform_columns(const Float* square, const Float* point, con
   for (std::int64_t t = 0; t < in.tiles;) {
     const std::int64_t end = in.tiles - t < in.columns - column ? in.tiles : t + in.columns - column;
     for (; t < end; t += kWidth, column += kWidth) {
-      Float d[M + 2];
-      load(t, d);
-      transform_input<M>(square, point, d);
+      Float d[P::kLanes][M + 2];
+      for (int channel = 0; channel < P::kLanes; ++channel) {
+        load(channel, t, d[channel]);
+        transform_input<M>(square, point, d[channel]);
+      }
       float* to = panel + column;
       const std::int64_t room = in.columns - column;
       for (int f = 0; f < M + 2; ++f, to += in.frequency_stride) {
+        Float lanes[P::kLanes];
+        for (int channel = 0; channel < P::kLanes; ++channel) lanes[channel] = d[channel][f];
+        const Float words = as_float(P::word(0, 0, lanes));
         if (room >= kWidth)
-          simd::store(to, d[f]);
+          simd::store(to, words);
         else
-          simd::store_partial(to, d[f], static_cast<std::size_t>(room));
+          simd::store_partial(to, words, static_cast<std::size_t>(room));
       }
     }
     t = end;
@@ -190,7 +197,7 @@ SLIDE_INLINE void transform_columns(const Float* square, const Float* point, con
   }
 }
 
-template <int M>
+template <int M, typename P>
 void input(const WinogradPoints& points, const WinogradInput& line) {
   const WinogradInput in = line;  // stores may change what a reference is to, as far as the compiler knows
   Float square[M / 2], point[M / 2];
@@ -198,31 +205,32 @@ void input(const WinogradPoints& points, const WinogradInput& line) {
     square[k] = simd::broadcast(points.square[k]);
     point[k] = simd::broadcast(points.power[k][1]);
   }
-  transform_rows<M>(square, point, in);
+  for (int channel = 0; channel < P::kLanes; ++channel) transform_rows<M>(square, point, in, channel);
   if constexpr (M != 6) {
     if (in.dilation == 1) {
       for (int u = 0; u < M + 2; ++u) {
-        const float* row = in.buffer + u * in.row_size;
-        const auto load = [row](std::int64_t t, Float* d) {
+        const float* rows = in.buffer + u * in.row_size;
+        const auto load = [rows, &in](int channel, std::int64_t t, Float* d) {
+          const float* row = rows + channel * (M + 2) * in.row_size;
           split_columns<M>(row + M * t, d);
           for (int p = 0; p < 2; ++p) d[M + p] = simd::shift_in(d[p], row[M * (t + kWidth) + p]);
         };
-        transform_columns<M>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
+        transform_columns<M, P>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
       }
       return;
     }
   }
   const std::int64_t groups = (in.tiles + in.dilation - 1) / in.dilation + 1;
-  for (int u = 0; u < M + 2; ++u)
+  for (int u = 0; u < P::kLanes * (M + 2); ++u)
     split_groups<M>(in.buffer + u * in.row_size, in.dilation, groups, in.phases + u * M * in.phase_size,
                     in.phase_size);
   for (int u = 0; u < M + 2; ++u) {
-    const float* phases = in.phases + u * M * in.phase_size;
-    const auto load = [phases, &in](std::int64_t t, Float* d) {
+    const auto load = [u, &in](int channel, std::int64_t t, Float* d) {
+      const float* phases = in.phases + (channel * (M + 2) + u) * M * in.phase_size;
       for (int p = 0; p < M; ++p) d[p] = simd::load(phases + p * in.phase_size + t);
       for (int p = 0; p < 2; ++p) d[M + p] = simd::load(phases + p * in.phase_size + in.dilation + t);
     };
-    transform_columns<M>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
+    transform_columns<M, P>(square, point, in, load, in.v + u * (M + 2) * in.frequency_stride);
   }
 }
 
@@ -292,13 +300,17 @@ void output(const WinogradPoints& points, const WinogradOutput& run) {
   }
 }
 
+// Accumulators, those of a block of float32 too, the vectors of b and a broadcast fit into the registers.
 #if defined(__AVX512F__) || defined(__aarch64__)
-constexpr int kRows = 4;
+template <typename P>
+constexpr int kRows = P::kLanes == 1 ? 4 : 8;
 constexpr int kVectors = 3;
 #elif defined(__FMA__)
+template <typename P>
 constexpr int kRows = 6;
 constexpr int kVectors = 2;
 #else
+template <typename P>
 constexpr int kRows = 4;
 constexpr int kVectors = 2;
 #endif
@@ -307,67 +319,77 @@ constexpr std::int64_t kColumns = kVectors * kWidth;
 constexpr int kNear = 3, kFar = 2;  // of __builtin_prefetch: first-level cache, second-level cache
 
 // Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
-#define SLIDE_UNROLLED _Pragma("GCC unroll 12")
+#define SLIDE_UNROLLED _Pragma("GCC unroll 24")
 
-/// One block of R = rows of adjacent panels of weights by V vectors.
-template <int R, int V>
+/// R = rows of adjacent panels of weights by V vectors, of the words first .. last - 1.
+template <typename P, int R, int V>
 SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, std::int64_t last,
-                                 Float (&block)[R][V]) {
+                                 Float (&sums)[R][V]) {
   for (std::int64_t k = first; k < last; ++k) {
-    const float* a = p.a + k * kRows;
+    const float* a = p.a + k * kRows<P>;
     const float* b = p.b + k * kColumns;
-    for (int m = 0; m < R; m += kRows) __builtin_prefetch(a + (p.depth * (R + m)), 0, kNear);
+    for (int m = 0; m < R; m += kRows<P>) __builtin_prefetch(a + (p.depth * (R + m)), 0, kNear);
     __builtin_prefetch(p.next_b + k * kCacheLine, 0, kFar);
-    Float right[V];
-    for (int v = 0; v < V; ++v) right[v] = simd::load(b + v * kWidth);
+    Bits right[V];
+    for (int v = 0; v < V; ++v) right[v] = load_words(b + v * kWidth);
     SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
-      const Float left = simd::broadcast(a[m / kRows * kRows * p.depth + m % kRows]);
-      for (int v = 0; v < V; ++v) block[m][v] = simd::fma(left, right[v], block[m][v]);
+      const Bits left = broadcast_word(a + m / kRows<P> * kRows<P> * p.depth + m % kRows<P>);
+      for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
     }
   }
 }
 
-template <int R, int V>
+template <typename P, int R, int V>
 void multiply_panel(const WinogradProduct& p) {
   Float sums[R][V];
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
       p.add ? simd::load(p.c + m * kColumns + v * kWidth) : simd::zero();
-  for (std::int64_t k = 0; k < p.depth; k += p.block) {
-    Float products[R][V];
-    SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) products[m][v] = simd::zero();
-    multiply_block<R, V>(p, k, k + p.block < p.depth ? k + p.block : p.depth, products);
-    SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
-        sums[m][v] + products[m][v];
+  if constexpr (P::kLanes > 1) {
+    multiply_block<P, R, V>(p, 0, p.depth, sums);
+  } else {
+    for (std::int64_t k = 0; k < p.depth; k += p.block) {
+      Float block[R][V];
+      SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) block[m][v] = simd::zero();
+      multiply_block<P, R, V>(p, k, k + p.block < p.depth ? k + p.block : p.depth, block);
+      SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
+          sums[m][v] + block[m][v];
+    }
   }
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v)
       simd::store(p.c + m * kColumns + v * kWidth, sums[m][v]);
 }
 
-/// Of one vector of columns, more rows at once: sums enough to hide how long an addition takes.
-constexpr int kNarrowPanels = 12 / kRows;
-
-template <int V>
-void multiply_panels(WinogradProduct p) {
-  const auto advance = [&p](std::int64_t panels) {
-    p.a += panels * p.depth * kRows;
-    p.c += panels * kRows * kColumns;
-    p.next_b += panels * p.depth * kCacheLine;
-    p.row_count -= panels * kRows;
-  };
-  if constexpr (V == 1)
-    for (; p.row_count >= kNarrowPanels * kRows; advance(kNarrowPanels))
-      multiply_panel<kNarrowPanels * kRows, V>(p);
-  for (; p.row_count > kRows - 2; advance(1)) multiply_panel<kRows, V>(p);
-  if constexpr (kRows > 4)
-    if (p.row_count > 2) return multiply_panel<4, V>(p);
-  if (p.row_count > 0) multiply_panel<2, V>(p);
+/// What is left of a panel of R rows at most.
+template <typename P, int R, int V>
+void multiply_rest(const WinogradProduct& p) {
+  if constexpr (R > 2)
+    if (p.row_count <= R - 2) return multiply_rest<P, R - 2, V>(p);
+  multiply_panel<P, R, V>(p);
 }
 
+template <typename P, int V>
+void multiply_panels(WinogradProduct p) {
+  const auto advance = [&p](std::int64_t panels) {
+    p.a += panels * p.depth * kRows<P>;
+    p.c += panels * kRows<P> * kColumns;
+    p.next_b += panels * p.depth * kCacheLine;
+    p.row_count -= panels * kRows<P>;
+  };
+  // Of one vector of columns, more rows at once: sums enough to hide how long an addition takes.
+  constexpr int kNarrowPanels = (P::kLanes == 1 ? 12 : 16) / kRows<P>;
+  if constexpr (V == 1)
+    for (; p.row_count >= kNarrowPanels * kRows<P>; advance(kNarrowPanels))
+      multiply_panel<P, kNarrowPanels * kRows<P>, V>(p);
+  for (; p.row_count >= kRows<P>; advance(1)) multiply_panel<P, kRows<P>, V>(p);
+  if (p.row_count > 0) multiply_rest<P, kRows<P>, V>(p);
+}
+
+template <typename P>
 void multiply(const WinogradProduct& p) {
   if constexpr (kVectors > 2)
-    if (p.column_count > 2 * kWidth) return multiply_panels<kVectors>(p);
-  if (p.column_count > kWidth) return multiply_panels<2>(p);
-  multiply_panels<1>(p);
+    if (p.column_count > 2 * kWidth) return multiply_panels<P, kVectors>(p);
+  if (p.column_count > kWidth) return multiply_panels<P, 2>(p);
+  multiply_panels<P, 1>(p);
 }
 
 }  // namespace
@@ -380,8 +402,9 @@ const WinogradRoutines winograd_routines {
 #else
       false,
 #endif
-      kRows, kColumns, multiply, {input<2>, output<2>}, {input<4>, output<4>}, {
-    input<6>, output<6>
+      {{kRows<Fp32>, kColumns, multiply<Fp32>}, {kRows<Bf16>, kColumns, multiply<Bf16>}},
+      {{input<2, Fp32>, nullptr}, output<2>}, {{input<4, Fp32>, input<4, Bf16>}, output<4>}, {
+    {input<6, Fp32>, nullptr}, output<6>
   }
 };
 

@@ -14,20 +14,20 @@ struct WinogradPoints {
   float power[3][6];  ///< p^i
 };
 
-/// One line of tiles of one input channel, see Conv2dWinograd.
+/// One line of tiles of the channels of a word (one, of bfloat16 two), see Conv2dWinograd.
 struct WinogradInput {
-  const float* const* rows;  ///< m + 2 rows of the input, zeros where outside
+  const float* const* rows;  ///< of each channel m + 2 rows of the input, zeros where outside
   std::int64_t left;         ///< columns of zeros first
   std::int64_t count;        ///< then input columns
   std::int64_t used;         ///< then zeros, up to here
   bool relu;                 ///< x is max(x, 0)
   std::int64_t dilation;     ///< horizontal
   std::int64_t tiles;        ///< of the line
-  float* buffer;             ///< m + 2 rows of row_size, of which a vector's tiles beyond the last are read
+  float* buffer;  ///< of each m + 2 rows of row_size, of which a vector's tiles beyond the last are read
   std::int64_t row_size;
-  float* phases;  ///< (m + 2)·m rows of phase_size
+  float* phases;  ///< of each (m + 2)·m rows of phase_size
   std::int64_t phase_size;
-  float* v;                   ///< this channel's row of the first panel and frequency
+  float* v;                   ///< these channels' row of words of the first panel and frequency
   std::int64_t first;         ///< the line's first tile is column first % columns of panel first / columns
   std::int64_t columns;       ///< of a panel
   std::int64_t panel_stride;  ///< from panel to panel
@@ -52,36 +52,41 @@ struct WinogradOutput {
 
 /// The transforms of one tile size.
 struct WinogradTransforms {
-  /// V = Bᵀ d B of a line's tiles. Up to a vector of the panels' columns after the line's last tile is
-  /// overwritten, within the panel.
-  void (*input)(const WinogradPoints& points, const WinogradInput& line);
+  /// V = Bᵀ d B of a line's tiles, as words of one float32 or of two bfloat16, by Precision. Up to a vector
+  /// of the panels' columns after the line's last tile is overwritten, within the panel.
+  void (*input[2])(const WinogradPoints& points, const WinogradInput& line);
   /// Aᵀ M A + bias. Interleaved, y[i][m·t + j] is row i and column j of tile t, for m·t + j < columns; else
   /// y[i][j][t] with rows j of row_size / m, written up to a multiple of the vector width of tiles.
   void (*output)(const WinogradPoints& points, const WinogradOutput& run);
 };
 
 /// c[m, j] = sum over k < depth of a[m / rows][k][m % rows] · b[k][j], for all m < row_count and j <
-/// column_count <= columns and perhaps others within their panels; plus what c was, if `add`. Blocks of
-/// `block` products are summed in order, then c and the blocks in order. Another panel of a may be fetched
-/// into the first-level cache.
+/// column_count <= columns and perhaps others within their panels; plus what c was, if `add`. Of words of
+/// float32, blocks of `block` products are summed in order, then c and the blocks in order; of words of
+/// bfloat16 c and all products in order. Another panel of a may be fetched into the first-level cache.
 struct WinogradProduct {
-  const float* a;  ///< adjacent panels
-  const float* b;  ///< one panel
-  std::int64_t depth, block;
+  const float* a;             ///< adjacent panels of words
+  const float* b;             ///< one panel
+  std::int64_t depth, block;  ///< words
   bool add;
   float* c;  ///< rows of `columns`
   std::int64_t row_count, column_count;
   const float* next_b;  ///< for each panel of a, depth cache lines that are wanted in the second-level cache
 };
 
+/// The product of one kind of words.
+struct WinogradMultiplier {
+  std::int64_t rows;     ///< of a panel of the left matrix; even
+  std::int64_t columns;  ///< of a panel of the right matrix
+  void (*multiply)(const WinogradProduct& product);
+};
+
 /// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
 struct WinogradRoutines {
   Isa isa;
-  bool fused;            ///< multiply and add round once
-  std::int64_t rows;     ///< of a panel of the left matrix; even
-  std::int64_t columns;  ///< of a panel of the right matrix
+  bool fused;  ///< multiply and add round once
 
-  void (*multiply)(const WinogradProduct& product);
+  WinogradMultiplier multipliers[2];  ///< by Precision: float32, bfloat16
 
   WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
 };

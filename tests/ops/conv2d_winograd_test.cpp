@@ -106,7 +106,7 @@ TEST_CASE("the transforms' coefficients, points and their powers, are float32 nu
 }
 
 TEST_CASE("Winograd convolutions keep their bound on every size of image, and at its edges") {
-  const auto all = 3 * static_cast<int>(available_isas().size());
+  const auto all = 4 * static_cast<int>(available_isas().size());  // F(2), F(4), F(6), F(4) of bfloat16
   for (std::int64_t side = 1; side <= 14; ++side) {
     INFO(side);
     CHECK(check_winograd(conv({1, 5, side, 15 - side}, 6, ops::Conv2dParams::same(3))) ==
@@ -225,11 +225,13 @@ TEST_CASE("Winograd's error is a few times that of a direct convolution, and F(6
     if (!kernel->name().starts_with("conv2d.winograd")) continue;
     const double error = rms_error(test::run_guarded(*kernel, call, inputs), exact);
     INFO(std::string(kernel->name()), " ", error);
-    // In units of 2^-24: 2.7, 8 and 35 as measured; {0, ±1, ±2, ∞} would give F(4) 20.
-    const double limit = kernel->name() == "conv2d.winograd2"   ? 4
-                         : kernel->name() == "conv2d.winograd4" ? 11
-                                                                : 50;
-    CHECK(error < limit * 0x1p-24);
+    // In units of 2^-24: 2.7, 8 and 35 as measured; {0, ±1, ±2, ∞} would give F(4) 20. Of bfloat16, which
+    // rounds two factors and hardly anything else, in units of 2^-8: 3.1.
+    const double limit = kernel->name() == "conv2d.winograd2"        ? 4
+                         : kernel->name() == "conv2d.winograd4"      ? 11
+                         : kernel->name() == "conv2d.winograd4_bf16" ? 4
+                                                                     : 50;
+    CHECK(error < limit * kernel->unit_roundoff());
     CHECK(kernel->macs(*call.op, shapes, call.shape) < 0.45 * call.op->macs(shapes, call.shape));
   }
 }
