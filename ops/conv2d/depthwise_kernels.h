@@ -9,7 +9,7 @@
 namespace slide::ops::SLIDE_ISA {
 namespace {
 
-constexpr int kSteps = 4;
+constexpr int kSteps = kWidth == 16 ? 8 : 4;
 
 // Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
 #define SLIDE_UNROLLED_TAPS _Pragma("GCC unroll 24")
@@ -76,6 +76,7 @@ void depthwise_tiles(const DepthwisePlane& p, float* y) {
   std::int64_t first = 0;
   for (; first + (kSteps - 1) * step < p.count; first += kSteps * step)
     depthwise_steps<kSteps, kStepRows>(p, first, y);
+  for (; first + 3 * step < p.count; first += 4 * step) depthwise_steps<4, kStepRows>(p, first, y);
   for (; first + step < p.count; first += 2 * step) depthwise_steps<2, kStepRows>(p, first, y);
   if (first < p.count) depthwise_steps<1, kStepRows>(p, first, y);
 }
