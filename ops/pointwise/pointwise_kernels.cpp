@@ -1,6 +1,7 @@
 // One loop over whole vectors and a partial vector at the end, the same arithmetic in both.
 
 #include "ops/pointwise/pointwise_routines.h"
+#include "ops/simd/fetch_ahead.h"
 #include "ops/simd/math.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -63,7 +64,11 @@ void unary(const float* x, float* y, std::size_t count, float a, float b) {
   const Float va = broadcast<>(a);
   const Float vb = broadcast<>(b);
   std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) simd::store(y + i, F::call(simd::load(x + i), va, vb));
+  for (; i + kWidth <= count; i += kWidth) {
+    simd::fetch_ahead(x + i);
+    simd::own_ahead(y + i);
+    simd::store(y + i, F::call(simd::load(x + i), va, vb));
+  }
   if (i < count) simd::store_partial(y + i, F::call(simd::load_partial(x + i, count - i), va, vb), count - i);
 }
 
@@ -92,7 +97,10 @@ struct Operand {
   const float* p;
   Float all;
   explicit SLIDE_INLINE Operand(const float* from) : p(from), all(broadcast<>(*from)) {}
-  [[nodiscard]] SLIDE_INLINE Float load(std::size_t i) const { return Steps ? simd::load(p + i) : all; }
+  [[nodiscard]] SLIDE_INLINE Float load(std::size_t i) const {
+    if (Steps) simd::fetch_ahead(p + i);
+    return Steps ? simd::load(p + i) : all;
+  }
   [[nodiscard]] SLIDE_INLINE Float load_partial(std::size_t i, std::size_t count) const {
     return Steps ? simd::load_partial(p + i, count) : all;
   }
@@ -103,7 +111,10 @@ void binary_loop(const float* pa, const float* pb, float* y, std::size_t count) 
   const Operand<StepsA> a(pa);
   const Operand<StepsB> b(pb);
   std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) simd::store(y + i, F::call(a.load(i), b.load(i)));
+  for (; i + kWidth <= count; i += kWidth) {
+    simd::own_ahead(y + i);
+    simd::store(y + i, F::call(a.load(i), b.load(i)));
+  }
   if (i < count)
     simd::store_partial(y + i, F::call(a.load_partial(i, count - i), b.load_partial(i, count - i)),
                         count - i);

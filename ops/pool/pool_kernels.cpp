@@ -4,6 +4,7 @@
 // taken of two rows at once.
 
 #include "ops/pool/pool_routines.h"
+#include "ops/simd/fetch_ahead.h"
 #include "ops/simd/lanes.h"
 #include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
@@ -80,9 +81,15 @@ SLIDE_INLINE Float larger_pairs(Float a, Float a_next, Float b, Float b_next) {
 void maxima_of_pairs(const float* a, const float* b, std::size_t width, float* y) {
   const auto pairs = static_cast<std::int64_t>(width / 2);
   std::int64_t j = 0;
-  for (; j + kWidth <= pairs; j += kWidth, a += 2 * kWidth, b += 2 * kWidth)
+  for (; j + kWidth <= pairs; j += kWidth, a += 2 * kWidth, b += 2 * kWidth) {
+    simd::fetch_ahead(a);
+    simd::fetch_ahead(a + kWidth);
+    simd::fetch_ahead(b);
+    simd::fetch_ahead(b + kWidth);
+    simd::own_ahead(y + j);
     simd::store(y + j,
                 larger_pairs(simd::load(a), simd::load(a + kWidth), simd::load(b), simd::load(b + kWidth)));
+  }
   if (const std::int64_t rest = 2 * (pairs - j); rest > 0) {
     const auto next = [&](const float* x) {
       return rest > kWidth ? simd::load_some(x + kWidth, rest - kWidth) : simd::zero();

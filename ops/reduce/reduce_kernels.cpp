@@ -2,6 +2,7 @@
 // fill a vector after them.
 
 #include "ops/reduce/reduce_routines.h"
+#include "ops/simd/fetch_ahead.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -26,6 +27,7 @@ double sum_around(const float* x, std::size_t count, double centre) {
   std::size_t i = 0;
   for (; i + kChains * kWidth <= count; i += kChains * kWidth)
     for (std::size_t k = 0; k < kChains; ++k) {
+      simd::fetch_ahead(x + i + k * kWidth);
       const Doubles d = __builtin_convertvector(simd::load(x + i + k * kWidth).v, Doubles) - centre;
       lanes[k] += kSquares ? d * d : d;
     }
@@ -60,7 +62,10 @@ template <typename F>
 float best(const float* x, std::size_t count) {
   Float lanes = simd::broadcast<>(F::kWorst);
   std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth) lanes = F::call(lanes, simd::load(x + i));
+  for (; i + kWidth <= count; i += kWidth) {
+    simd::fetch_ahead(x + i);
+    lanes = F::call(lanes, simd::load(x + i));
+  }
   float kept = F::kWorst;
   for (int l = 0; l < kWidth; ++l) kept = F::call(kept, static_cast<float>(lanes.v[l]));
   for (; i < count; ++i) kept = F::call(kept, x[i]);
@@ -68,14 +73,24 @@ float best(const float* x, std::size_t count) {
 }
 
 void add_to(double* sums, const float* x, std::size_t count) {
-  for (std::size_t i = 0; i < count; ++i) sums[i] += static_cast<double>(x[i]);
+  std::size_t i = 0;
+  for (; i + kWidth <= count; i += kWidth) {
+    simd::fetch_ahead(x + i);
+    Doubles kept;
+    __builtin_memcpy(&kept, sums + i, sizeof kept);
+    kept += __builtin_convertvector(simd::load(x + i).v, Doubles);
+    __builtin_memcpy(sums + i, &kept, sizeof kept);
+  }
+  for (; i < count; ++i) sums[i] += static_cast<double>(x[i]);
 }
 
 template <typename F>
 void best_to(float* kept, const float* x, std::size_t count) {
   std::size_t i = 0;
-  for (; i + kWidth <= count; i += kWidth)
+  for (; i + kWidth <= count; i += kWidth) {
+    simd::fetch_ahead(x + i);
     simd::store(kept + i, F::call(simd::load(kept + i), simd::load(x + i)));
+  }
   for (; i < count; ++i) kept[i] = F::call(kept[i], x[i]);
 }
 

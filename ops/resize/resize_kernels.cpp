@@ -4,6 +4,7 @@
 // the level can permute by variable indices. Across rows it is a weighted sum of whole vectors.
 
 #include "ops/resize/resize_routines.h"
+#include "ops/simd/fetch_ahead.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -40,6 +41,7 @@ void gather_pairs(const float* x, const std::int32_t* index, const float* weight
     }
     const Float from = reach == kWidth ? simd::load(x + first)
                                        : simd::load_partial(x + first, static_cast<std::size_t>(reach));
+    simd::fetch_ahead(x + first);
     const __m512i start = _mm512_set1_epi32(first);
     const auto tap = [&](std::size_t at) {
       return Float{_mm512_maskz_permutexvar_ps(
@@ -67,6 +69,7 @@ template <int Taps>
 void blend(const float* const* rows, const float* weight, float* y, std::size_t count) {
   std::size_t j = 0;
   for (; j + kWidth <= count; j += kWidth) {
+    simd::own_ahead(y + j);
     Float sum = broadcast<>(weight[0]) * simd::load(rows[0] + j);
     for (int k = 1; k < Taps; ++k) sum = fma(broadcast<>(weight[k]), simd::load(rows[k] + j), sum);
     simd::store(y + j, sum);
