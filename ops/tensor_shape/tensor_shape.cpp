@@ -13,10 +13,22 @@
 namespace slide::ops {
 namespace {
 
-/// What is in its place already (SharesStorage) stays.
+/// `count` runs of numbers, each from_step and to_step behind the one before. What is in its place already
+/// (SharesStorage) stays.
 template <typename T>
-void copy(const T* from, T* to, std::int64_t count) {
-  if (from != to) std::memcpy(to, from, static_cast<std::size_t>(count) * sizeof(T));
+void copy_runs(const T* from, std::int64_t from_step, T* to, std::int64_t to_step, std::int64_t run,
+               std::int64_t count) {
+  if (from == to || run == 0) return;
+  const std::int64_t pieces = (run + kElementGrain - 1) / kElementGrain;
+  for_ranges(count * pieces, std::max<std::int64_t>(1, kElementGrain / run),
+             [&](std::int64_t begin, std::int64_t end) {
+               for (std::int64_t i = begin; i < end; ++i) {
+                 const std::int64_t first = i % pieces * kElementGrain;
+                 const std::int64_t length = std::min(kElementGrain, run - first);
+                 std::memcpy(to + i / pieces * to_step + first, from + i / pieces * from_step + first,
+                             static_cast<std::size_t>(length) * sizeof(T));
+               }
+             });
 }
 
 template <typename T>
@@ -27,12 +39,7 @@ void compute(const ConcatOp& op, std::span<const Tensor> inputs, Tensor& output)
   for (const Tensor& input : inputs) {
     const T* x = input.data<T>().data();
     const std::int64_t run = input.shape()[op.axis()] * out.inner;
-    const std::int64_t at = offset;
-    for_ranges(out.outer, std::max<std::int64_t>(1, kElementGrain / std::max<std::int64_t>(run, 1)),
-               [&](std::int64_t begin, std::int64_t end) {
-                 for (std::int64_t i = begin; i < end; ++i)
-                   copy(x + i * run, y + i * out.axis * out.inner + at, run);
-               });
+    copy_runs(x, run, y + offset, out.axis * out.inner, run, out.outer);
     offset += run;
   }
 }
@@ -44,8 +51,7 @@ void compute(const SliceOp& op, std::span<const Tensor> inputs, Tensor& output) 
   const T* x = inputs[0].data<T>().data();
   T* y = output.mutable_data<T>().data();
   const std::int64_t run = (op.end() - op.start()) * in.inner;
-  for (std::int64_t i = 0; i < in.outer; ++i)
-    copy(x + (i * in.axis + op.start()) * in.inner, y + i * run, run);
+  copy_runs(x + op.start() * in.inner, in.axis * in.inner, y, run, run, in.outer);
 }
 
 /// Where output index i of a padded axis comes from; -1 for the constant.
@@ -77,7 +83,7 @@ void compute(const PadOp& op, std::span<const Tensor> inputs, Tensor& output) {
       const std::int64_t source = pad_source(j, left, in.w, op.mode());
       to[j] = source < 0 ? value : from[source];
     }
-    copy(from, to + left, in.w);
+    std::copy_n(from, in.w, to + left);
     for (std::int64_t j = left + in.w; j < out.w; ++j) {
       const std::int64_t source = pad_source(j, left, in.w, op.mode());
       to[j] = source < 0 ? value : from[source];
@@ -97,7 +103,7 @@ void compute(const PadOp& op, std::span<const Tensor> inputs, Tensor& output) {
 
 template <typename T>
 void compute(const ReshapeOp& /*op*/, std::span<const Tensor> inputs, Tensor& output) {
-  copy(inputs[0].data<T>().data(), output.mutable_data<T>().data(), output.count());
+  copy_runs(inputs[0].data<T>().data(), 0, output.mutable_data<T>().data(), 0, output.count(), 1);
 }
 
 template <typename O>
