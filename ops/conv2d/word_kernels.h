@@ -63,6 +63,19 @@ SLIDE_INLINE void write_sums(const WordProduct& p, const typename P::Sum (&sums)
   }
 }
 
+/// What the last block will read or write behind its sums comes closer while they are made.
+template <int R, int V>
+SLIDE_INLINE void prefetch_rows(const WordProduct& p) {
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+    SLIDE_UNROLLED for (int v = 0; v < V; ++v) {
+      if (p.residual != nullptr)
+        __builtin_prefetch(p.residual + m * p.y_stride + v * kWidth);
+      else
+        __builtin_prefetch(p.y + m * p.y_stride + v * kWidth, 1);
+    }
+  }
+}
+
 /// The first block starts from its words; each later one is summed by itself and then added, so that blocks
 /// bound the roundings.
 template <typename P, int R, int V, bool kOffsets>
@@ -73,14 +86,12 @@ SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
     SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::start(start + m);
   }
+  if (p.last) prefetch_rows<R, V>(p);
   const float* a = p.a;
   const float* b = p.b;
   for (std::int64_t k = 0; k < p.depth; ++k, a += kRows, b += kOffsets ? 0 : kColumns) {
     const float* row = kOffsets ? b + p.offsets[k] : b;
-    if (R == kRows) {  // what the next panel reads
-      __builtin_prefetch(a + p.depth * kRows);
-      __builtin_prefetch(p.sums + kRows * kColumns + k * 4);
-    }
+    if (R == kRows) __builtin_prefetch(a + p.depth * kRows);  // what the next panel reads
     Bits right[V];
     SLIDE_UNROLLED for (int v = 0; v < V; ++v) right[v] = load_words(row + v * kWidth);
     SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
