@@ -1,5 +1,8 @@
-// First the nearest known row within every column, by a sweep down and one up; then for every unknown pixel
-// the columns to its left and right, outwards, until they alone are farther than the best pixel so far.
+// First the nearest known row within every column, by a sweep down and one up. Then row by row, for each run
+// of unknown pixels: a column's known pixel is at a squared distance that is a parabola along the row, and
+// the lower envelope of the parabolas says who is nearest (Meijster, Roerdink and Hesselink, "A general
+// algorithm for computing distance transforms in linear time", 2000). The known pixels at both ends of a run
+// are nearer than anything beyond them.
 
 #include <algorithm>
 #include <cstdint>
@@ -13,50 +16,92 @@
 namespace slide::ops {
 namespace {
 
-constexpr std::int64_t kColumnGrain = 64;
+constexpr std::int64_t kColumnGrain = 128;
 constexpr std::int64_t kRowGrain = 8;
-constexpr std::int32_t kNone = -1;
+// Rows of columns that know none above or below: farther away than any row, the latter still farther.
+constexpr std::int32_t kNone = -(1 << 30);
+constexpr std::int32_t kNoneBelow = (1 << 30) + (1 << 29);
 
 /// rows[i, j]: the known row of column j nearest to i, the upper one of two; columns [begin, end).
 void nearest_rows(const float* weight, const Nchw& s, std::int64_t begin, std::int64_t end,
                   std::int32_t* rows) {
-  const auto known = [&](std::int64_t at) { return weight[at] >= static_cast<float>(kKnown); };
+  const std::int64_t count = end - begin;
+  std::int32_t found[kColumnGrain];
+  std::fill_n(found, count, kNone);
   for (std::int64_t i = 0; i < s.h; ++i)
-    for (std::int64_t at = i * s.w + begin; at < i * s.w + end; ++at)
-      rows[at] = known(at) ? static_cast<std::int32_t>(i) : i == 0 ? kNone : rows[at - s.w];
-  std::vector<std::int64_t> below(static_cast<std::size_t>(end - begin), kNone);
+    for (std::int64_t j = 0; j < count; ++j) {
+      const std::int64_t at = i * s.w + begin + j;
+      found[j] = weight[at] >= static_cast<float>(kKnown) ? static_cast<std::int32_t>(i) : found[j];
+      rows[at] = found[j];
+    }
+  std::fill_n(found, count, kNoneBelow);
   for (std::int64_t i = s.h - 1; i >= 0; --i)
-    for (std::int64_t j = begin; j < end; ++j) {
-      const std::int64_t at = i * s.w + j;
-      std::int64_t& under = below[static_cast<std::size_t>(j - begin)];
-      if (known(at)) under = i;
-      if (under != kNone && (rows[at] == kNone || under - i < i - rows[at]))
-        rows[at] = static_cast<std::int32_t>(under);
+    for (std::int64_t j = 0; j < count; ++j) {
+      const auto row = static_cast<std::int32_t>(i);
+      const std::int64_t at = i * s.w + begin + j;
+      const std::int32_t above = rows[at];
+      found[j] = above == row ? row : found[j];
+      rows[at] = found[j] - row < row - above ? found[j] : above;
     }
 }
 
-struct Nearest {
-  std::int64_t distance = std::numeric_limits<std::int64_t>::max();
-  std::int64_t row = 0;
-  std::int64_t column = 0;
+/// The known pixels nearest to those of a run of unknown ones in row i. Of equally near ones the first, row
+/// by row: distances count as many times as there are pixels, and the number of the pixel is added.
+class Envelope {
+ public:
+  /// `rows` is that row of nearest_rows().
+  Envelope(const std::int32_t* rows, const Nchw& s, std::int64_t i) : rows_(rows), s_(s), i_(i) {}
 
-  void offer(std::int64_t d, std::int64_t r, std::int64_t c) {
-    if (d < distance || (d == distance && (r < row || (r == row && c < column)))) *this = {d, r, c};
+  /// Makes it that of the columns first <= j < last, which are unknown.
+  void find(std::int64_t first, std::int64_t last) {
+    pieces_.clear();
+    for (std::int64_t column = std::max<std::int64_t>(0, first - 1); column < std::min(s_.w, last + 1);
+         ++column)
+      if (rows_[column] != kNone) add({column, offset(column), first}, last);
   }
-};
-
-/// The known pixel nearest to column j of row i; `rows` is that row of nearest_rows().
-Nearest nearest(const std::int32_t* rows, std::int64_t w, std::int64_t i, std::int64_t j) {
-  Nearest best;
-  const std::int64_t reach = std::max(j, w - 1 - j);
-  for (std::int64_t k = 0; k <= reach && k * k <= best.distance; ++k)
-    for (const std::int64_t column : {j - k, j + k}) {
-      if (column < 0 || column >= w || rows[column] == kNone) continue;
-      const std::int64_t down = i - rows[column];
-      best.offer(k * k + down * down, rows[column], column);
+  /// Calls body(j, column) for all of them: the known pixel is that of the column.
+  template <typename Body>
+  void for_each(std::int64_t last, const Body& body) const {
+    for (std::size_t k = 0; k < pieces_.size(); ++k) {
+      const std::int64_t end = k + 1 < pieces_.size() ? pieces_[k + 1].from : last;
+      for (std::int64_t j = pieces_[k].from; j < end; ++j) body(j, pieces_[k].column);
     }
-  return best;
-}
+  }
+
+ private:
+  /// From column `from` on that column's pixel is the nearest.
+  struct Piece {
+    std::int64_t column, offset, from;
+  };
+
+  [[nodiscard]] std::int64_t offset(std::int64_t column) const {
+    const std::int64_t down = rows_[column] - i_;
+    return down * down * s_.plane() + rows_[column] * s_.w + column;
+  }
+  /// A piece b further right than a is nearer than it from the first j > sum / slope on; for no j equally
+  /// near.
+  void add(Piece piece, std::int64_t last) {
+    while (!pieces_.empty()) {
+      const Piece& before = pieces_.back();
+      const std::int64_t apart = piece.column - before.column;
+      const std::int64_t slope = 2 * apart * s_.plane();
+      const std::int64_t sum =
+          apart * (before.column + piece.column) * s_.plane() + piece.offset - before.offset;
+      if (sum >= slope * (last - 1)) return;
+      if (sum >= slope * before.from) {
+        piece.from = sum / slope + 1;
+        break;
+      }
+      pieces_.pop_back();
+    }
+    pieces_.push_back(piece);
+  }
+
+  const std::int32_t* rows_;
+  const Nchw& s_;
+  std::int64_t i_;
+  std::vector<Piece> pieces_;
+};
 
 std::int64_t mirrored(std::int64_t centre, std::int64_t t, std::int64_t size) {
   const std::int64_t far = std::abs(2 * centre - t);
@@ -93,16 +138,28 @@ class MirrorKnownKernel : public Kernel {
       // Every column knows a row or none; with none at all there is nothing to mirror at.
       const bool any = std::any_of(rows, rows + s.w, [](std::int32_t row) { return row != kNone; });
       for_ranges(s.h, kRowGrain, [&](std::int64_t begin, std::int64_t end) {
-        for (std::int64_t i = begin; i < end; ++i)
-          for (std::int64_t j = 0; j < s.w; ++j) {
-            const std::int64_t at = i * s.w + j;
-            std::int64_t from = at;
-            if (any && weight[at] < static_cast<float>(kKnown)) {
-              const Nearest q = nearest(rows + i * s.w, s.w, i, j);
-              from = mirrored(q.row, i, s.h) * s.w + mirrored(q.column, j, s.w);
-            }
-            for (std::int64_t c = 0; c < s.c; ++c) y[c * s.plane() + at] = x[c * s.plane() + from];
-          }
+        for (std::int64_t i = begin; i < end; ++i) mirror_row(x, s, rows + i * s.w, i, any, y);
+      });
+    }
+  }
+
+ private:
+  static void mirror_row(const float* x, const Nchw& s, const std::int32_t* rows, std::int64_t i, bool any,
+                         float* y) {
+    for (std::int64_t c = 0; c < s.c; ++c)
+      std::copy_n(x + c * s.plane() + i * s.w, s.w, y + c * s.plane() + i * s.w);
+    Envelope envelope(rows, s, i);
+    for (std::int64_t j = 0; any && j < s.w;) {
+      const std::int64_t first = j;
+      while (j < s.w && rows[j] != i) ++j;
+      if (j == first) {
+        ++j;
+        continue;
+      }
+      envelope.find(first, j);
+      envelope.for_each(j, [&](std::int64_t at, std::int64_t column) {
+        const std::int64_t from = mirrored(rows[column], i, s.h) * s.w + mirrored(column, at, s.w);
+        for (std::int64_t c = 0; c < s.c; ++c) y[c * s.plane() + i * s.w + at] = x[c * s.plane() + from];
       });
     }
   }

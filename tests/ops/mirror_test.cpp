@@ -62,6 +62,18 @@ TEST_CASE(
   }
 }
 
+TEST_CASE("holes with known pixels in them, and whole rows and columns without any") {
+  Tensor weight = test::random_tensor({1, 1, 83, 97}, 9);
+  for (std::size_t i = 0; i < weight.data<double>().size(); ++i) {
+    const bool outside = i / 97 < 20 || i / 97 >= 60 || i % 97 < 30 || i % 97 >= 80;
+    double& w = weight.mutable_data<double>()[i];
+    w = i / 97 == 70 || i % 97 == 90 ? 0 : outside ? 1 : w > 0.98 ? 1 : 0;
+  }
+  CHECK(test::check_kernels(mirror_call(test::random_tensor({1, 2, 83, 97}, 4), weight)) > 0);
+  CHECK(test::check_kernels(
+            mirror_call(test::random_tensor({1, 2, 83, 97}, 5), test::random_tensor({1, 1, 83, 97}, 6))) > 0);
+}
+
 TEST_CASE("mirroring refuses a weight of another size") {
   Graph g;
   const Value x = g.input("x", {1, 3, 8, 8});
