@@ -11,6 +11,7 @@
 #include <bit>
 #include <cmath>
 
+#include "ops/common/non_temporal.h"
 #include "ops/conv2d/bf16_bits.h"
 #include "ops/conv2d/winograd_filters.h"
 #include "ops/conv2d/winograd_matrices.h"
@@ -138,6 +139,12 @@ Conv2dFusion without_residual(Conv2dFusion fusion) {
   return fusion;
 }
 
+/// Whether rows are whole lines, of a result too large for the second-level cache.
+bool fills_lines(const Conv2dGeometry& g) {
+  return g.owidth % kCacheLine == 0 &&
+         g.batch * g.oc * g.oplane() * static_cast<std::int64_t>(sizeof(float)) >= kNonTemporalBytes;
+}
+
 /// Whether the output transform can finish its rows: they are adjacent columns, and a clamp is all that
 /// happens to them beside the residual.
 bool finishes_rows(const Conv2dGeometry& g, const Conv2dFusion& fusion, Isa isa) {
@@ -169,6 +176,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
       finishes_rows_(finishes_rows(geometry, fusion, routines.isa)),
+      non_temporal_(finishes_rows_ && fills_lines(geometry)),
       residual_last_(fusion.residual_last),
       epilogue_(finishes_rows_ ? without_residual(fusion) : fusion, routines.isa, finishes_rows_),
       tile_(tile),
@@ -206,7 +214,6 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
     rows = std::clamp(divide_up(g_.oc, runs), std::min(rows, kMinTaskRows), rows);
   }
   task_panels_ = divide_up(rows, multiplier_.rows);
-  product_stride_ = task_columns_ * task_panels_ * multiplier_.rows * multiplier_.columns + kSkew;
 }
 
 bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
@@ -334,12 +341,17 @@ std::int64_t Conv2dWinogradBase::v_size() const noexcept {
   return frequencies_ * (strip_panels_ * words_ * multiplier_.columns + kSkew);
 }
 
-/// Floats for an input transform or a task: the products, [frequency][panel of tiles][row][column]; then the
-/// sums of two filters and a row of each. All may be read one vector beyond.
+/// Floats of a task's products: [panel of tiles][row][frequency][column].
+std::int64_t Conv2dWinogradBase::products_size() const noexcept {
+  return task_columns_ * task_panels_ * multiplier_.rows * product_row();
+}
+
+/// Floats for an input transform or a task: the products, then the sums of two filters and a row of each. All
+/// may be read one vector beyond.
 std::int64_t Conv2dWinogradBase::work_size() const noexcept {
   const std::int64_t sums = 2 * (tile_ + 1) * tile_ * phase_size_;
   return round_up(std::max(input_memory(g_, tile_, line_tiles_).total(tile_, lanes_),
-                           frequencies_ * product_stride_ + sums + 2 * kRowAlignment),
+                           products_size() + sums + 2 * kRowAlignment),
                   kRowAlignment);
 }
 
@@ -438,10 +450,11 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   const std::int64_t last_panel = std::min(first_panel + task_columns_, strip.panels);
   const std::int64_t first_filter = index / tasks * task_panels_;
   const std::int64_t last_filter = std::min(first_filter + task_panels_, panels_);
-  const std::int64_t block = (last_filter - first_filter) * rows * columns;  // of a panel of tiles
+  const std::int64_t block = (last_filter - first_filter) * rows * product_row();  // of a panel of tiles
   const auto* u = static_cast<const float*>(static_cast<const void*>(arrays.packed));
   WinogradProduct p{};
   p.block = block_depth_;
+  p.c_stride = product_row();
   p.row_count = std::min(last_filter * rows, g_.oc) - first_filter * rows;
   for (std::int64_t f = 0; f < frequencies_; ++f)
     for (std::int64_t k = 0; k < words_; k += part_depth_) {
@@ -452,13 +465,13 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
       if (k + p.depth == words_) p.next_b += strip.frequency_stride - strip.panel_stride;
       for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
         p.b = v + f * strip.frequency_stride + panel * strip.panel_stride + k * columns;
-        p.c = memory + f * product_stride_ + (panel - first_panel) * block;
+        p.c = memory + (panel - first_panel) * block + f * columns;
         p.column_count = std::min(columns, strip.tiles() - panel * columns);
         multiplier_.multiply(p);
         p.next_b += (last_filter - first_filter) * p.depth * kCacheLine;
       }
     }
-  float* sums = memory + frequencies_ * product_stride_ + kRowAlignment;
+  float* sums = memory + products_size() + kRowAlignment;
   for (std::int64_t panel = first_panel; panel < last_panel; ++panel) {
     const std::int64_t end = std::min((panel + 1) * columns, strip.tiles());
     for (std::int64_t first = panel * columns; first < end;) {
@@ -472,6 +485,7 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
       first = last;
     }
   }
+  if (non_temporal_) non_temporal_fence();
 }
 
 }  // namespace slide::ops

@@ -70,6 +70,9 @@ class Conv2dWinogradBase {
   [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
   [[nodiscard]] std::int64_t tasks_of(std::int64_t tile_panels) const noexcept;
   [[nodiscard]] std::int64_t v_size() const noexcept;
+  /// Floats of a filter's products with a panel of tiles.
+  [[nodiscard]] std::int64_t product_row() const noexcept { return frequencies_ * multiplier_.columns; }
+  [[nodiscard]] std::int64_t products_size() const noexcept;
   [[nodiscard]] std::int64_t work_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
@@ -92,26 +95,26 @@ class Conv2dWinogradBase {
   Conv2dGeometry g_;
   bool gated_, relu_input_;
   bool finishes_rows_;  // the output transform does, with residual and clamp
+  bool non_temporal_;   // ... in stores that bypass the caches
   bool residual_last_;
   Conv2dEpilogue epilogue_;
   int tile_;                  // m
   std::int64_t frequencies_;  // (m + 2)²
   WinogradPoints points_;
-  std::int64_t lanes_;           // channels of a word
-  std::int64_t words_;           // of a tile's frequency
-  std::int64_t block_depth_;     // words of float32 summed before they are added to the sum
-  std::int64_t part_depth_;      // words that are multiplied with all rows before the next; whole blocks
-  std::int64_t lines_;           // of tiles in an image
-  std::int64_t line_tiles_;      // of a line, or of its segment
-  std::int64_t phase_size_;      // columns of a panel of tiles, as phases of rows of sums are padded
-  std::int64_t segments_;        // of a line
-  std::int64_t strip_lines_;     // lines transformed together; 1 if they have segments
-  std::int64_t strip_panels_;    // their panels of tiles
-  bool shared_;                  // all threads work on a strip, else each on its own
-  std::int64_t panels_;          // of weights
-  std::int64_t task_panels_;     // of weights, in a task
-  std::int64_t task_columns_;    // panels of tiles in a task
-  std::int64_t product_stride_;  // from frequency to frequency of a task's products
+  std::int64_t lanes_;         // channels of a word
+  std::int64_t words_;         // of a tile's frequency
+  std::int64_t block_depth_;   // words of float32 summed before they are added to the sum
+  std::int64_t part_depth_;    // words that are multiplied with all rows before the next; whole blocks
+  std::int64_t lines_;         // of tiles in an image
+  std::int64_t line_tiles_;    // of a line, or of its segment
+  std::int64_t phase_size_;    // columns of a panel of tiles, as phases of rows of sums are padded
+  std::int64_t segments_;      // of a line
+  std::int64_t strip_lines_;   // lines transformed together; 1 if they have segments
+  std::int64_t strip_panels_;  // their panels of tiles
+  bool shared_;                // all threads work on a strip, else each on its own
+  std::int64_t panels_;        // of weights
+  std::int64_t task_panels_;   // of weights, in a task
+  std::int64_t task_columns_;  // panels of tiles in a task
 };
 
 /// Tile: 2, 4 or 6.

@@ -9,12 +9,12 @@
 namespace slide::ops {
 namespace {
 
-/// What the next filter's rows will be written to and added.
+/// What the next filter's rows will be written to, unless that bypasses the caches, and added.
 void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
   for (std::int64_t i = 0; i < out.rows; ++i)
     for (std::int64_t j = 0; j < out.columns; j += kCacheLine) {
       const std::int64_t at = plane + i * out.row_size + j;
-      __builtin_prefetch(out.y + at, 1);
+      if (!out.non_temporal) __builtin_prefetch(out.y + at, 1);
       if (out.residual != nullptr) __builtin_prefetch(out.residual + at);
     }
 }
@@ -25,7 +25,7 @@ void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
 void Conv2dWinogradBase::transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                                            float* sums) const {
   WinogradOutput out{};
-  out.frequency_stride = product_stride_;
+  out.frequency_stride = multiplier_.columns;
   out.tiles = run.last - run.first;
   out.interleave = g_.dilation_x == 1;
   out.rows = std::min<std::int64_t>(tile_, (g_.oheight - run.row - 1) / g_.dilation_y + 1);
@@ -34,13 +34,14 @@ void Conv2dWinogradBase::transform_filters(const Run& run, const float* products
   out.low = epilogue_.low();
   out.high = epilogue_.high();
   out.residual_last = residual_last_;
+  out.non_temporal = non_temporal_;
   const std::int64_t gate = tile_ * out.row_size;  // from the feature's sums to the gate's
   if (finishes_rows_) {
     out.row_size = g_.dilation_y * g_.owidth;
     out.columns = std::min(out.tiles * tile_, g_.owidth - run.first * tile_);
   }
   for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
-    out.m = products + (row - run.first_filter) * multiplier_.columns;
+    out.m = products + (row - run.first_filter) * product_row();
     out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
     out.y = gated_ && row % 2 == 1 ? sums + gate : sums;
     if (finishes_rows_) {

@@ -18,6 +18,7 @@
 #include "ops/conv2d/winograd_routines.h"
 #include "ops/conv2d/words.h"
 #include "ops/simd/lanes.h"
+#include "ops/simd/non_temporal.h"
 #include "ops/simd/partial.h"
 #include "ops/simd/simd.h"
 
@@ -272,7 +273,10 @@ SLIDE_INLINE void finish_row(const WinogradOutput& run, const Float* row, int i,
     if (run.residual != nullptr && !run.residual_last) columns[j] = columns[j] + residual;
     columns[j] = simd::min(high, simd::max(low, columns[j]));
     if (run.residual != nullptr && run.residual_last) columns[j] = columns[j] + residual;
-    simd::store_some(run.y + at + j * kWidth, columns[j], rest);
+    if (run.non_temporal)
+      simd::store_non_temporal(run.y + at + j * kWidth, columns[j], rest);
+    else
+      simd::store_some(run.y + at + j * kWidth, columns[j], rest);
   }
 }
 
@@ -343,7 +347,7 @@ template <typename P, int R, int V>
 void multiply_panel(const WinogradProduct& p) {
   Float sums[R][V];
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
-      p.add ? simd::load(p.c + m * kColumns + v * kWidth) : simd::zero();
+      p.add ? simd::load(p.c + m * p.c_stride + v * kWidth) : simd::zero();
   if constexpr (P::kLanes > 1) {
     multiply_block<P, R, V>(p, 0, p.depth, sums);
   } else {
@@ -356,7 +360,7 @@ void multiply_panel(const WinogradProduct& p) {
     }
   }
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v)
-      simd::store(p.c + m * kColumns + v * kWidth, sums[m][v]);
+      simd::store(p.c + m * p.c_stride + v * kWidth, sums[m][v]);
 }
 
 /// What is left of a panel of R rows at most.
@@ -371,7 +375,7 @@ template <typename P, int V>
 void multiply_panels(WinogradProduct p) {
   const auto advance = [&p](std::int64_t panels) {
     p.a += panels * p.depth * kRows<P>;
-    p.c += panels * kRows<P> * kColumns;
+    p.c += panels * kRows<P> * p.c_stride;
     p.next_b += panels * p.depth * kCacheLine;
     p.row_count -= panels * kRows<P>;
   };

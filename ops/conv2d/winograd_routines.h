@@ -45,6 +45,7 @@ struct WinogradOutput {
   std::int64_t row_size;
   bool interleave;  ///< rows of adjacent columns, which are finished as below
   std::int64_t columns;
+  bool non_temporal;      ///< their stores bypass the caches
   const float* residual;  ///< as y, or null
   bool residual_last;     ///< added after the clamp
   float low, high;        ///< the clamp
@@ -69,7 +70,8 @@ struct WinogradProduct {
   const float* b;             ///< one panel
   std::int64_t depth, block;  ///< words
   bool add;
-  float* c;  ///< rows of `columns`
+  float* c;  ///< rows of `columns`, c_stride apart
+  std::int64_t c_stride;
   std::int64_t row_count, column_count;
   const float* next_b;  ///< for each panel of a, depth cache lines that are wanted in the second-level cache
 };
