@@ -245,17 +245,34 @@ void split_layers(const SlideOptions& options, SlideLayers& out) {
   out.report.hole_fraction = fraction_above(out.hole, 0.5F);
 }
 
-Background background_graph(Graph& g, std::int64_t height, std::int64_t width, const NetworkChoice& network) {
+/// How the matte takes part in the inpainting. The user's is to be believed.
+struct MattePart {
+  bool exact;
+  std::int64_t reach;
+};
+
+/// What is known of the matte of a photo of that size, where it has one.
+std::optional<MattePart> matte_part(const SlideInput& input, bool used, std::int64_t height,
+                                    std::int64_t width) {
+  if (!used) return std::nullopt;
+  return MattePart{!input.matte.empty(), matte_reach(height, width)};
+}
+
+Background background_graph(Graph& g, std::int64_t height, std::int64_t width, const NetworkChoice& network,
+                            const std::optional<MattePart>& part) {
   const Shape map{1, 1, height, width};
+  std::optional<SubjectMatte> matte;
+  if (part) matte = {g.input("M", map), part->reach, part->exact};
   const Background background = inpaint_background(g.input("I", map.with(1, 3)), g.input("D1", map),
-                                                   g.input("S", map), g.input("H", map), network);
+                                                   g.input("S", map), g.input("H", map), network, matte);
   g.output("I_bg", background.image);
   g.output("D_bg", background.disparity);
   return background;
 }
 
 /// I_bg and D_bg: the photo itself, and in every window what the network makes of it.
-void inpaint_windows(const SlideModels& models, const SlideOptions& options, SlideLayers& out) {
+void inpaint_windows(const SlideInput& input, const SlideModels& models, const SlideOptions& options,
+                     SlideLayers& out) {
   const Shape& shape = out.hole.shape();
   const InpaintReach reach = inpaint_reach(models.inpaint);
   const std::int64_t margin = options.whole_image ? std::max(shape[2], shape[3]) : reach.radius;
@@ -263,6 +280,7 @@ void inpaint_windows(const SlideModels& models, const SlideOptions& options, Sli
   out.report.windows_exact = reach.exact || options.whole_image;
   out.background_image = out.image.clone();
   out.background_disparity = out.conditioned.clone();
+  const std::optional<MattePart> matte = matte_part(input, out.report.matte_used, shape[2], shape[3]);
   StageReport total;
   total.name = "inpainting";
   double area = 0;
@@ -270,13 +288,14 @@ void inpaint_windows(const SlideModels& models, const SlideOptions& options, Sli
   double done = 0;
   for (const Window& w : out.report.windows) {
     Stage stage(total.name, options);
-    background_graph(stage.graph(), w.height(), w.width(), models.inpaint);
-    stage.run(models.inpaint.chosen() ? *models.inpaint.weights : kNoWeights,
-              {{"I", cut(out.image, w)},
-               {"D1", cut(out.conditioned, w)},
-               {"S", cut(out.disocclusion, w)},
-               {"H", cut(out.hole, w)}},
-              done / area, static_cast<double>(w.area()) / area);
+    background_graph(stage.graph(), w.height(), w.width(), models.inpaint, matte);
+    NamedTensors inputs = {{"I", cut(out.image, w)},
+                           {"D1", cut(out.conditioned, w)},
+                           {"S", cut(out.disocclusion, w)},
+                           {"H", cut(out.hole, w)}};
+    if (matte) inputs["M"] = cut(out.matte, w);
+    stage.run(models.inpaint.chosen() ? *models.inpaint.weights : kNoWeights, inputs, done / area,
+              static_cast<double>(w.area()) / area);
     paste(stage.take("I_bg"), w, out.background_image);
     paste(stage.take("D_bg"), w, out.background_disparity);
     done += static_cast<double>(w.area());
@@ -309,7 +328,7 @@ SlideLayers make_layers(const SlideInput& input, const SlideModels& models, cons
   else if (out.report.hole_fraction == 0)
     out.report.inpainting = "none: nothing comes into view";
   else
-    inpaint_windows(models, options, out);
+    inpaint_windows(input, models, options, out);
   return out;
 }
 
@@ -338,7 +357,9 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   output_maps(layering.graph(), soft_layering(layering.graph().input("D", map), resolve(options.layering)));
   stages.push_back(std::move(layering).plan());
   Stage inpainting("inpainting", options);
-  background_graph(inpainting.graph(), height, width, models.inpaint);
+  const bool matte = !known.matte.empty() || options.matte != MatteUse::kNever;
+  background_graph(inpainting.graph(), height, width, models.inpaint,
+                   matte_part(known, matte, height, width));
   stages.push_back(std::move(inpainting).plan(models.inpaint));
   return stages;
 }
@@ -352,8 +373,11 @@ SlideGraph slide_graph(Value image, const SlideModels& models, const Layering& l
   }();
   const LayeringMaps maps = soft_layering(disparity, layering, matte);
   const auto scope = g.scope("inpaint");
+  const Shape& shape = image.shape();
+  std::optional<SubjectMatte> subject;
+  if (matte) subject = {*matte, matte_reach(shape[2], shape[3]), true};
   const Background background =
-      inpaint_background(image, maps.disparity, maps.disocclusion, maps.hole, models.inpaint);
+      inpaint_background(image, maps.disparity, maps.disocclusion, maps.hole, models.inpaint, subject);
   return {disparity, maps, background.image, background.disparity};
 }
 

@@ -126,7 +126,8 @@ struct PlannedStage {
                                                     const SlideOptions& options);
 
 /// The whole as one graph, as the paper has it: from a photo 1×3×H×W to both layers in one pass over each
-/// network. make_layers() gives the same, stage by stage, with what the scene does not need left out.
+/// network. make_layers() gives the same, stage by stage, with what the scene does not need left out. `matte`
+/// counts as given by the user.
 struct SlideGraph {
   Value disparity;
   LayeringMaps maps;

@@ -1,5 +1,7 @@
 #include "graphs/slide_inpaint.h"
 
+#include <algorithm>
+
 #include "graphs/gated_layers.h"
 #include "graphs/layers.h"
 #include "ops/fill/fill.h"
@@ -21,6 +23,9 @@ constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
 // Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
 constexpr double kFar = 0.1;
 constexpr double kNear = 0.4;
+constexpr std::int64_t kMatteReach =
+    20;                         // the photo's longer side over it: around the subject its matte counts
+constexpr double kClear = 0.1;  // alpha from which a pixel of an exact matte is not background at all
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
 
@@ -30,10 +35,17 @@ struct Fill {
   Value weight;    ///< of the colours
 };
 
-Fill fill(Value rgbd, Value disparity, Value hole) {
+/// The largest value of the window of that side around each pixel.
+Value largest_around(Value x, std::int64_t side) {
+  const std::int64_t pad = side / 2;
+  return ops::max_pool2d(x, {.kernel = {side, side}, .stride = {1, 1}, .padding = {pad, pad, pad, pad}});
+}
+
+Fill fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
   const Value rgb = ops::slice(rgbd, 1, 0, 3);
   const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
-  const Value colours = colour_weight(disparity, behind);
+  const Value by_disparity = colour_weight(disparity, behind);
+  const Value colours = matte ? matted_weight(by_disparity, *matte) : by_disparity;
   const Value smooth = ops::push_pull_fill(rgb, colours, kSweeps);
   const Value signed_behind = ops::affine(behind, 2, -1);
   return {tapped("filled", ops::concat({smooth, signed_behind}, 1)),
@@ -70,12 +82,25 @@ Value background_weight(Value disparity, Value hole) {
 }
 
 Value colour_weight(Value disparity, Value behind) {
-  constexpr std::int64_t kPad = kWindow / 2;
-  const Value covers = ops::max_pool2d(
-      disparity, {.kernel = {kWindow, kWindow}, .stride = {1, 1}, .padding = {kPad, kPad, kPad, kPad}});
-  const Value step = ops::clip(ops::sub(covers, behind), kLeast, 1);
+  const Value step = ops::clip(ops::sub(largest_around(disparity, kWindow), behind), kLeast, 1);
   const Value way = ops::div(ops::sub(disparity, behind), step);
   return ops::clip(ops::affine(way, -1 / (kNear - kFar), kNear / (kNear - kFar)), kRest, 1);
+}
+
+std::int64_t matte_reach(std::int64_t height, std::int64_t width) {
+  return (std::max(height, width) + kMatteReach / 2) / kMatteReach;
+}
+
+Value matted_weight(Value weight, const SubjectMatte& matte) {
+  const Value covering = ops::mul(matte.alpha, ops::affine(weight, -1, 1));
+  const Value near = largest_around(covering, 2 * matte.reach + 1);
+  if (matte.exact) {
+    const Value clear = ops::clip(ops::affine(matte.alpha, -1 / kClear, 1), 0, 1);
+    return ops::clip(ops::add(weight, ops::mul(near, ops::sub(clear, weight))), kRest, 1);
+  }
+  const Value open = ops::affine(matte.alpha, -1, 1);
+  const Value taken = ops::mul(near, ops::affine(ops::mul(open, open), -1, 1));
+  return ops::clip(ops::mul(weight, ops::affine(taken, -1, 1)), kRest, 1);
 }
 
 Value detail(Value rgb, Value weight) {
@@ -86,16 +111,16 @@ Value detail(Value rgb, Value weight) {
   return ops::mul(mirrored, ops::affine(weight, -1, 1));
 }
 
-Value background_fill(Value rgbd, Value disparity, Value hole) {
+Value background_fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
   require_image("background_fill", rgbd, 4, 1);
-  return fill(rgbd, disparity, hole).textured;
+  return fill(rgbd, disparity, hole, matte).textured;
 }
 
-Value slide_inpaint(Value rgbd, Value disparity, Value hole) {
+Value slide_inpaint(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
   require_image("slide_inpaint", rgbd, 4, 4);
   require_image("slide_inpaint", disparity, 1, 4);
   require_image("slide_inpaint", hole, 1, 4);
-  const auto [smooth, textured, weight] = fill(rgbd, disparity, hole);
+  const auto [smooth, textured, weight] = fill(rgbd, disparity, hole, matte);
   return ops::add(textured, correction(ops::concat({smooth, weight, hole}, 1)));
 }
 

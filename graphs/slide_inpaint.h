@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "runtime/graph.h"
 
@@ -23,6 +24,26 @@ Value background_weight(Value disparity, Value hole);
 /// @param behind     1×1×H×W in [0,1], the background's disparity, continued by background_weight()
 Value colour_weight(Value disparity, Value behind);
 
+/// The alpha of the photo's subject, for the fill.
+struct SubjectMatte {
+  Value alpha;         ///< 1×1×H×W in [0,1]
+  std::int64_t reach;  ///< matte_reach() of the photo, of which the picture may be a window
+  bool exact;          ///< its outline is to be believed (given by the user), not a network's estimate
+};
+
+/// A twentieth of the photo's longer side, in pixels: so far around the subject its matte takes part in the
+/// fill.
+std::int64_t matte_reach(std::int64_t height, std::int64_t width);
+
+/// colour_weight() with a matte of the subject. e is the largest alpha·(1 - weight) within `reach` pixels
+/// along both axes: the subject, as far as disparity has it before the background, and 0 where the background
+/// is not behind the subject but the subject itself, or something else is in front.
+///   exact:      w' = w + e·(clip(1 - 10·alpha, 0, 1) - w): the matte's outline replaces the disparity's
+///   estimated:  w' = w·(1 - e·(1 - (1 - alpha)²)): what either calls foreground gives no colour
+/// and at least 1e-8. Where alpha is 0 in the whole window w' = w.
+/// @param weight  colour_weight(), 1×1×H×W
+Value matted_weight(Value weight, const SubjectMatte& matte);
+
 /// Texture for the unknown: what the background is beyond its own blur (deviation 1, weighted), mirrored into
 /// the hole by ops::mirror_known(), times 7/4, at most 0.1 (which keeps edges out), times 1 - weight.
 /// @param rgb     1×3×H×W in [-1,1]
@@ -30,12 +51,14 @@ Value colour_weight(Value disparity, Value behind);
 Value detail(Value rgb, Value weight);
 
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
-/// smoothly: colours by colour_weight() and with detail(), disparity by background_weight(). What inpainting
+/// smoothly: colours by colour_weight(), or with a
+/// matte matted_weight(), and with detail(), disparity by background_weight(). What inpainting
 /// without a network is, and what slide_inpaint corrects.
 /// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
-Value background_fill(Value rgbd, Value disparity, Value hole);
+Value background_fill(Value rgbd, Value disparity, Value hole,
+                      const std::optional<SubjectMatte>& matte = std::nullopt);
 
 /// Channels after the first gate of slide_inpaint.
 inline constexpr std::int64_t kSlideInpaintWidth = 12;
@@ -48,6 +71,7 @@ inline constexpr std::int64_t kSlideInpaintWidth = 12;
 /// @param hole       1×1×H×W, 1 inside the hole
 /// @return 1×4×H×W, about [-1,1], not clipped
 /// Throws Error(kUsage) for other shapes.
-Value slide_inpaint(Value rgbd, Value disparity, Value hole);
+Value slide_inpaint(Value rgbd, Value disparity, Value hole,
+                    const std::optional<SubjectMatte>& matte = std::nullopt);
 
 }  // namespace slide::graphs

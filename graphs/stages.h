@@ -1,7 +1,10 @@
 #pragma once
 
+#include <optional>
+
 #include "graphs/layering.h"
 #include "graphs/slide.h"
+#include "graphs/slide_inpaint.h"
 #include "runtime/graph.h"
 
 namespace slide::graphs {
@@ -55,9 +58,11 @@ struct Background {
 /// @param disparity    D1, 1×1×H×W
 /// @param disocclusion S, 1×1×H×W
 /// @param hole         H, 1×1×H×W
-/// Throws Error(kUsage) if the model is no inpainting network.
+/// @param matte        M, for the fill and slide_inpaint, which starts from it; other networks see the hole
+/// alone Throws Error(kUsage) if the model is no inpainting network.
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
-                              const NetworkChoice& network);
+                              const NetworkChoice& network,
+                              const std::optional<SubjectMatte>& matte = std::nullopt);
 
 /// How much of the surroundings an inpainting network sees.
 struct InpaintReach {

@@ -137,6 +137,53 @@ TEST_CASE("the whole as one graph gives what the stages give") {
   CHECK(max_abs_difference(reference.tensor("D"), staged.disparity) < 1e-3);
 }
 
+TEST_CASE(
+    "a given matte takes part in the inpainting: as one graph, stage by stage, and not where it is zero") {
+  const Scene scene(64, 96, {{48, 32, 14}});
+  Tensor matte = Tensor::zeros(DType::kF32, scene.disparity.shape());
+  const SlideOptions options = [] {
+    SlideOptions o = with_parallax(8);
+    o.whole_image = true;
+    return o;
+  }();
+  const FormulaWeights weights = FormulaWeights::made_up();
+  for (const char* model : {"", "slide_inpaint", "inpaint_coarse"}) {
+    CAPTURE(model);
+    const SlideModels models = *model == 0 ? SlideModels{} : inpainting(weights, model);
+    const SlideLayers plain = make_layers({scene.image, scene.disparity, {}}, models, options);
+    const SlideLayers zero = make_layers(
+        {scene.image, scene.disparity, Tensor::zeros(DType::kF32, matte.shape())}, models, options);
+    CHECK(zero.report.matte_used);
+    CHECK(max_abs_difference(zero.background_image, plain.background_image) == 0);
+    CHECK(max_abs_difference(zero.background_disparity, plain.background_disparity) == 0);
+    // The disc and three pixels more.
+    const std::span<float> m = matte.mutable_data<float>();
+    for (std::int64_t y = 0; y < 64; ++y)
+      for (std::int64_t x = 0; x < 96; ++x)
+        m[static_cast<std::size_t>(96 * y + x)] =
+            (x - 48) * (x - 48) + (y - 32) * (y - 32) < 17 * 17 ? 1.0F : 0.0F;
+    const SlideLayers matted = make_layers({scene.image, scene.disparity, matte}, models, options);
+    const double change = max_abs_difference(matted.background_image, plain.background_image);
+    CHECK((std::string(model) == "inpaint_coarse" ? change == 0 : change > 0.01));
+    const auto planned = plan_layers(64, 96, models, {scene.image, scene.disparity, matte}, options);
+    CHECK(planned.back().report.memory == matted.report.stages.back().memory);
+  }
+  SlideModels models;
+  models.depth = {"slide_depth", &weights};
+  SlideOptions wide = options;
+  wide.layering.parallax = 60;  // for holes in what made-up weights make of a photo
+  const SlideLayers staged = make_layers({scene.image, {}, matte}, models, wide);
+  Graph g;
+  const Value m = g.input("M", matte.shape());
+  const SlideGraph whole =
+      slide_graph(g.input("image", scene.image.shape()), models, resolve(wide.layering), m);
+  g.output("I_bg", whole.background_image);
+  FastExecutor run(g, *slide_weights(models));
+  run.run({{"image", scene.image}, {"M", matte}});
+  REQUIRE(staged.has_background());
+  CHECK(max_abs_difference(run.tensor("I_bg"), staged.background_image) == 0);
+}
+
 TEST_CASE("no relief: one layer; no parallax: one layer; nothing is inpainted") {
   const Scene flat(40, 60, {});
   const Tensor constant = Tensor::zeros(DType::kF32, {1, 1, 40, 60});

@@ -53,6 +53,10 @@ def main():
     rgbd = torch.cat([torch.from_numpy(colours.astype(np.float32).astype(np.float64))[None], 2 * d - 1], 1)
     out['scene.rgbd'] = rgbd
     _, out['scene.filled'], out['scene.colours'] = background_fill(rgbd, d, hole)
+    edge = np.clip(.5 + 6 * (.24 - np.hypot(x - .78, y - .5)), 0, 1)  # off the disparity's, soft
+    out['scene.matte'] = torch.from_numpy(edge.astype(np.float32).astype(np.float64))[None, None]
+    for name, exact in (('exact', True), ('estimated', False)):
+        _, out[f'scene.{name}.filled'], out[f'scene.{name}.colours'] = background_fill(rgbd, d, hole, out['scene.matte'], exact)
     save(sys.argv[1], out)
 
 

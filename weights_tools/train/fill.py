@@ -6,6 +6,8 @@ SWEEPS = 4
 GAP, REST = 1 / 16, 1e-8  # disparity; weight of pixels that are not behind
 WINDOW, LEAST = 9, 1 / 128  # pixels, side of the window whose largest disparity is the cover's; smallest step that counts
 FAR, NEAR = .1, .4  # of the way from the background's disparity to the cover's: background wholly up to FAR, not from NEAR on
+MATTE_REACH = 20  # the photo's longer side over it: around the subject its matte counts
+CLEAR = .1  # alpha from which a pixel of an exact matte is not background at all
 DETAIL, DETAIL_LIMIT = 1.75, .1  # gain and largest amount of mirrored detail
 TRUST = 16  # a cell whose mean weight is over 1 / TRUST counts as known
 
@@ -63,6 +65,15 @@ def colour_weight(d, behind):
     return ((NEAR - way) / (NEAR - FAR)).clamp(REST, 1)
 
 
+def matted_weight(weight, matte, reach, exact):
+    """colour_weight() with a matte of the subject, 1 inside: an exact one's outline replaces the disparity's within `reach` pixels
+    of the subject; where it is an estimate, what either calls foreground gives no colour. The subject is what both call so."""
+    near = F.max_pool2d(matte * (1 - weight), 2 * reach + 1, 1, reach)
+    if exact:
+        return (weight + near * ((1 - matte / CLEAR).clamp(0, 1) - weight)).clamp(REST, 1)
+    return (weight * (1 - near * (1 - (1 - matte) ** 2))).clamp(REST, 1)
+
+
 def mirror_known(x, weight):
     """Pixels of weight < 1/2 take the value mirrored at the nearest known pixel (of several the first, row by row); reflected
     at the border."""
@@ -103,10 +114,12 @@ def detail(rgb, weight):
     return (1 - weight) * (DETAIL * mirror_known(fine, weight)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
 
 
-def background_fill(rgbd, d, hole):
-    """-> RGBD of the background in [-1, 1], smooth; the same with detail(); the weight that its colours have. Disparity is
+def background_fill(rgbd, d, hole, matte=None, exact=True):
+    """matte: of the subject, N x 1 x H x W in [0, 1] -> RGBD of the background in [-1, 1], smooth; the same with detail(); the weight that its colours have. Disparity is
     continued by background_weight()."""
     rgb, behind = rgbd[:, :3], push_pull_fill(d, background_weight(d, hole))
     colours = colour_weight(d, behind)
+    if matte is not None:
+        colours = matted_weight(colours, matte, (max(d.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH, exact)
     smooth, disparity = push_pull_fill(rgb, colours), 2 * behind - 1
     return torch.cat([smooth, disparity], 1), torch.cat([smooth + detail(rgb, colours), disparity], 1), colours
