@@ -43,6 +43,11 @@ class Kernel {
   /// Whether it can do this call, and is worth it. `op` is always an operator that lists this kernel.
   [[nodiscard]] virtual bool supports(const Op& op, std::span<const Shape> inputs,
                                       const Shape& output) const = 0;
+  /// Whether a plan should take it although kernels of lower precision may be used and support the shapes: it
+  /// is faster than they are.
+  [[nodiscard]] virtual bool replaces_lower(const Op& /*op*/, std::span<const Shape> /*inputs*/) const {
+    return false;
+  }
   /// Whether run() reads input `index` only in the form that pack() gave it.
   [[nodiscard]] virtual bool packs(std::size_t /*index*/) const { return false; }
   /// Bytes of that form.

@@ -23,8 +23,8 @@ bool usable(const Kernel& kernel, const Node& node, std::span<const Shape> input
   return runs_at(kernel.isa(), isa) && kernel.supports(*node.op, inputs, node.shape);
 }
 
-/// The first kernel of the highest level, of `precision` or a higher one that is not float32, if there is
-/// any. `only`: of no other than float32 and `precision`.
+/// The first kernel of the highest level, of `precision` or one that replaces it, if there is any; else of
+/// float32. `only`: nothing is replaced.
 const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision,
                             bool only = false) {
   const Kernel* best = nullptr;
@@ -35,8 +35,9 @@ const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa
     return kernel.isa() > best->isa();
   };
   for (const Kernel* kernel : node.op->kernels()) {
-    const bool allowed = kernel->precision() == precision || kernel->precision() == Precision::kFp32 ||
-                         (!only && kernel->precision() < precision);
+    const bool allowed =
+        kernel->precision() == precision || kernel->precision() == Precision::kFp32 ||
+        (!only && kernel->precision() < precision && kernel->replaces_lower(*node.op, inputs));
     if (allowed && usable(*kernel, node, inputs, isa) && better(*kernel)) best = kernel;
   }
   if (best == nullptr)

@@ -48,14 +48,15 @@ struct PlanOptions {
   /// If not null, layers that it does not name are not computed in 8-bit integers, and the errors of those
   /// that it names are what it says.
   const Calibration* calibration = nullptr;
-  /// Without a budget: no kernels between `precision` and float32, be they faster.
+  /// Without a budget: no kernel of a precision between this one and float32, be it faster.
   bool only_precision = false;
 };
 
 /// Plans a graph. Reads no weights.
 ///
 /// Without a budget each node gets the first kernel of the highest level not above `isa` that supports the
-/// shapes and computes in `precision` or one between it and float32, else in float32. Of those below float32
+/// shapes and computes in `precision`, or replaces such a one (Kernel::replaces_lower()), else in float32. Of
+/// those below float32
 /// the ones with the largest errors by the calibration are replaced until the rest is expected to stay within
 /// kInt8Error or kBf16Error; without calibration 8-bit integers leave the network's ends (network_ends()).
 /// With a budget each node gets one of the kernels of `precision` and of all higher ones, so that the

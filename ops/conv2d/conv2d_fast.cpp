@@ -53,6 +53,12 @@ class Conv2dKernel : public Kernel {
                               const Shape& /*output*/) const override {
     return Method::fits(of(op).geometry(inputs), of(op).fusion());
   }
+  [[nodiscard]] bool replaces_lower(const Op& op, std::span<const Shape> inputs) const override {
+    if constexpr (requires { &Method::replaces_lower; })
+      return Method::replaces_lower(of(op).geometry(inputs));
+    else
+      return false;
+  }
   [[nodiscard]] bool packs(std::size_t index) const override { return index == 1; }
   [[nodiscard]] std::size_t packed_bytes(const Op& op, std::span<const Shape> inputs,
                                          const Shape& /*output*/) const override {

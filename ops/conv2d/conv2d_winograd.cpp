@@ -65,6 +65,8 @@ constexpr std::int64_t kSharedBytes = 8 << 20;
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
 // Of fewer channels the transforms take most of the time, and they are the same in float32.
 constexpr std::int64_t kMinChannelsBf16 = 32;
+// As measured against integers.
+constexpr std::int64_t kMinHarmonicChannels = 32, kMinTilesBf16 = 128;
 // Of so many weights (18 MiB for large tiles, 8 for small ones) few tiles spend as long on reading them as on
 // their products: small tiles are as fast then and take less memory.
 constexpr std::int64_t kManyWeights = 1 << 17, kMinTilesOfMany = 40;
@@ -240,6 +242,12 @@ template class Conv2dWinograd<6>;
 
 bool Conv2dWinogradBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   return pays(4, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16;
+}
+
+bool Conv2dWinogradBf16::replaces_lower(const Conv2dGeometry& g) noexcept {
+  const std::int64_t tiles =
+      g.batch * tile_count(g.oheight, 4, g.dilation_y) * tile_count(g.owidth, 4, g.dilation_x);
+  return g.ic * g.oc >= kMinHarmonicChannels * (g.ic + g.oc) && tiles >= kMinTilesBf16;
 }
 
 double Conv2dWinogradBase::error_factor() const noexcept {

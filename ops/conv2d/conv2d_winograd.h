@@ -145,6 +145,9 @@ class Conv2dWinogradBf16 : public Conv2dWinogradBase {
 
   /// Where F(4) is, with channels enough for the products to be most of the work.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  /// Whether it is faster than direct convolution with 8-bit integers, which is not more exact: with more
+  /// channels and tiles yet.
+  [[nodiscard]] static bool replaces_lower(const Conv2dGeometry& geometry) noexcept;
 
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
     winograd_error_scale(4, g, inputs, scale);
