@@ -1,0 +1,51 @@
+#include "ops/resize/resized_rows.h"
+
+namespace slide::ops {
+
+ResizeTables::ResizeTables(const ResizeOp& op, std::int64_t height, std::int64_t width)
+    : in_width(width), out_width(op.params().size[1]), rows(op.axis(0, height)) {
+  const ResizeAxis columns = op.axis(1, width);
+  const auto taps = static_cast<std::size_t>(columns.taps);
+  const std::size_t count = columns.index.size() / taps;
+  column_index.resize(columns.index.size());
+  column_weight.resize(columns.index.size());
+  for (std::size_t j = 0; j < count; ++j)
+    for (std::size_t k = 0; k < taps; ++k) {
+      column_index[k * count + j] = static_cast<std::int32_t>(columns.index[j * taps + k]);
+      column_weight[k * count + j] = static_cast<float>(columns.weight[j * taps + k]);
+    }
+}
+
+ResizedRows::ResizedRows(const ResizeRoutines& routines, const ResizeTables& tables, const float* plane)
+    : routines_(routines),
+      tables_(tables),
+      plane_(plane),
+      memory_(static_cast<std::size_t>(tables.rows.taps * tables.out_width)) {
+  held_.fill(-1);
+}
+
+const float* ResizedRows::along(std::int64_t row) {
+  const std::int64_t slot = row % tables_.rows.taps;
+  float* memory = memory_.data() + slot * tables_.out_width;
+  std::int64_t& held = held_[static_cast<std::size_t>(slot)];
+  if (held != row)
+    routines_.along_row(plane_ + row * tables_.in_width, tables_.column_index.data(),
+                        tables_.column_weight.data(), tables_.rows.taps, memory,
+                        static_cast<std::size_t>(tables_.out_width));
+  held = row;
+  return memory;
+}
+
+void ResizedRows::write(std::int64_t i, float* y) {
+  std::array<const float*, 4> sources{};
+  std::array<float, 4> weights{};
+  for (std::size_t k = 0; k < static_cast<std::size_t>(tables_.rows.taps); ++k) {
+    const std::size_t at = static_cast<std::size_t>(i * tables_.rows.taps) + k;
+    weights[k] = static_cast<float>(tables_.rows.weight[at]);
+    sources[k] = along(tables_.rows.index[at]);
+  }
+  routines_.across_rows(sources.data(), weights.data(), tables_.rows.taps, y,
+                        static_cast<std::size_t>(tables_.out_width));
+}
+
+}  // namespace slide::ops
