@@ -245,7 +245,8 @@ void split_layers(const SlideOptions& options, SlideLayers& out) {
   out.report.hole_fraction = fraction_above(out.hole, 0.5F);
 }
 
-/// How the matte takes part in the inpainting. The user's is to be believed.
+/// How the matte takes part in the inpainting: the user's is to be believed; an estimate is better than an
+/// estimated disparity alone, not than a given depth map (weights/slide_inpaint.md has the figures).
 struct MattePart {
   bool exact;
   std::int64_t reach;
@@ -254,8 +255,9 @@ struct MattePart {
 /// What is known of the matte of a photo of that size, where it has one.
 std::optional<MattePart> matte_part(const SlideInput& input, bool used, std::int64_t height,
                                     std::int64_t width) {
-  if (!used) return std::nullopt;
-  return MattePart{!input.matte.empty(), matte_reach(height, width)};
+  const bool given = !input.matte.empty();
+  if (!used || (!given && !input.disparity.empty())) return std::nullopt;
+  return MattePart{given, matte_reach(height, width)};
 }
 
 Background background_graph(Graph& g, std::int64_t height, std::int64_t width, const NetworkChoice& network,

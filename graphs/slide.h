@@ -33,7 +33,8 @@ struct SlideModels {
   NetworkChoice matting;   ///< fba: refines the saliency network's matte
 };
 
-/// Whether a matte of the salient subject takes part (spec section 2.4).
+/// Whether a matte of the salient subject takes part: in the visibility (spec section 2.4) and, unless a
+/// disparity is given and the matte is estimated, in the inpainting (SubjectMatte).
 enum class MatteUse {
   kNever,
   kAuto,    ///< the saliency network runs, and its matte is used if something stands out: see SalientSubject

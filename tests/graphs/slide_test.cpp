@@ -184,6 +184,31 @@ TEST_CASE(
   CHECK(max_abs_difference(run.tensor("I_bg"), staged.background_image) == 0);
 }
 
+TEST_CASE("an estimated matte takes part in the inpainting where disparity is estimated, too") {
+  const Scene scene(64, 96, {{48, 32, 14}});
+  const FormulaWeights weights = FormulaWeights::made_up();
+  SlideModels models;
+  models.depth = {"slide_depth", &weights};
+  models.saliency = {"slide_matte", &weights};
+  SlideOptions options = with_parallax(60);
+  options.whole_image = true;
+  const auto steps = [&](const Tensor& disparity, MatteUse use) {
+    options.matte = use;
+    return plan_layers(64, 96, models, {scene.image, disparity, {}}, options).back().plan.steps.size();
+  };
+  CHECK(steps({}, MatteUse::kAuto) > steps({}, MatteUse::kNever));
+  CHECK(steps(scene.disparity, MatteUse::kAuto) == steps(scene.disparity, MatteUse::kNever));
+  const auto run = [&](const Tensor& disparity, MatteUse use) {
+    options.matte = use;
+    return make_layers({scene.image, disparity, {}}, models, options);
+  };
+  const SlideLayers matted = run({}, MatteUse::kAlways);
+  CHECK(matted.report.matte_used);
+  CHECK(matted.report.stages.back().memory >= run({}, MatteUse::kNever).report.stages.back().memory);
+  CHECK(max_abs_difference(run(scene.disparity, MatteUse::kAlways).background_image,
+                           run(scene.disparity, MatteUse::kNever).background_image) == 0);
+}
+
 TEST_CASE("no relief: one layer; no parallax: one layer; nothing is inpainted") {
   const Scene flat(40, 60, {});
   const Tensor constant = Tensor::zeros(DType::kF32, {1, 1, 40, 60});
