@@ -85,6 +85,7 @@ def main():
     p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
     p.add_argument('--freeze', type=int, default=0, help='encoder blocks that are not trained')
     p.add_argument('--rate', type=float, default=6e-4)
+    p.add_argument('--side-factor', type=float, default=1., help='of all sides, rounded to multiples of 32')
     a = p.parse_args()
     torch.set_num_threads(a.threads)
     cv2.setNumThreads(1)
@@ -117,6 +118,7 @@ def main():
     while schedule.advance():
         sizes = LATE if schedule.share > .65 else EARLY
         _, h, w, batch = sizes[data.rng.choice(len(sizes), p=[s[0] for s in sizes])]
+        h, w = (max(32, round(side * a.side_factor / 32) * 32) for side in (h, w))
         x, alpha = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample(h, w) for _ in range(batch * a.batch_factor)]))
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             logits = net(x.contiguous(memory_format=torch.channels_last))
