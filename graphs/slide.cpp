@@ -252,11 +252,12 @@ struct MattePart {
   std::int64_t reach;
 };
 
-/// What is known of the matte of a photo of that size, where it has one.
-std::optional<MattePart> matte_part(const SlideInput& input, bool used, std::int64_t height,
-                                    std::int64_t width) {
+/// None: there is no matte, or the network does not start from the fill.
+std::optional<MattePart> matte_part(const SlideInput& input, const NetworkChoice& network, bool used,
+                                    std::int64_t height, std::int64_t width) {
   const bool given = !input.matte.empty();
-  if (!used || (!given && !input.disparity.empty())) return std::nullopt;
+  const bool fills = !network.chosen() || network.model == "slide_inpaint";
+  if (!used || !fills || (!given && !input.disparity.empty())) return std::nullopt;
   return MattePart{given, matte_reach(height, width)};
 }
 
@@ -282,7 +283,9 @@ void inpaint_windows(const SlideInput& input, const SlideModels& models, const S
   out.report.windows_exact = reach.exact || options.whole_image;
   out.background_image = out.image.clone();
   out.background_disparity = out.conditioned.clone();
-  const std::optional<MattePart> matte = matte_part(input, out.report.matte_used, shape[2], shape[3]);
+  const std::optional<MattePart> matte =
+      matte_part(input, models.inpaint, out.report.matte_used, shape[2], shape[3]);
+  out.report.matte_in_fill = matte.has_value();
   StageReport total;
   total.name = "inpainting";
   double area = 0;
@@ -361,7 +364,7 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   Stage inpainting("inpainting", options);
   const bool matte = !known.matte.empty() || options.matte != MatteUse::kNever;
   background_graph(inpainting.graph(), height, width, models.inpaint,
-                   matte_part(known, matte, height, width));
+                   matte_part(known, models.inpaint, matte, height, width));
   stages.push_back(std::move(inpainting).plan(models.inpaint));
   return stages;
 }

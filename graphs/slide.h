@@ -79,6 +79,7 @@ struct SlideReport {
   std::vector<StageReport> stages;
   bool relief = true;  ///< false: the disparity is flat, the scene is one layer
   bool matte_used = false;
+  bool matte_in_fill = false;   ///< it also says what the fill takes for background
   bool matte_refined = false;   ///< the matting network refined the saliency network's
   double matte_coverage = 0;    ///< fraction of pixels with a matte above one half, where there is one
   double hole_fraction = 0;     ///< of the image's pixels

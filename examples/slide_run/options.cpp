@@ -31,8 +31,10 @@ void declare_input(CLI::App& app, Options& o) {
   app.add_option("--depth-kind", o.depth_kind, "What its numbers are: disparity (larger is nearer) or depth")
       ->group(group)
       ->capture_default_str();
-  app.add_option("--matte", o.matte,
-                 "Alpha matte of the subject: a file, auto (found if something stands out), none")
+  app.add_option(
+         "--matte", o.matte,
+         "Alpha matte of the subject, for its outline and for what is filled in behind it: a file, auto "
+         "(found if something stands out), none")
       ->group(group)
       ->type_name("FILE|auto|none")
       ->capture_default_str();

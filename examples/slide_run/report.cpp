@@ -30,8 +30,9 @@ void explain(const JobReport& r) {
   std::fprintf(
       stderr, "  layering    beta %.4g, gamma %.4g, rho %.4g, radius %lld, sigma %.3g, maxpool %lld\n",
       l.beta, l.gamma, l.rho, static_cast<long long>(l.radius), l.sigma, static_cast<long long>(l.maxpool));
-  std::fprintf(stderr, "  matte       %s%s (covers %.1f %%)\n", s.matte_used ? "used" : "not used",
-               s.matte_refined ? (", refined by " + r.matting_origin).c_str() : "", 100 * s.matte_coverage);
+  std::fprintf(stderr, "  matte       %s%s%s (covers %.1f %%)\n", s.matte_used ? "used" : "not used",
+               s.matte_refined ? (", refined by " + r.matting_origin).c_str() : "",
+               s.matte_in_fill ? ", by the fill too" : "", 100 * s.matte_coverage);
   std::fprintf(stderr, "  background  %s; %.2f %% of the pixels may come into view\n", s.inpainting.c_str(),
                100 * s.hole_fraction);
   if (!s.windows.empty())
@@ -76,6 +77,7 @@ nlohmann::json to_json(const JobReport& r) {
   j["depth"] = r.depth_origin;
   j["relief"] = r.slide.relief;
   j["matte"] = {{"used", r.slide.matte_used},
+                {"in_fill", r.slide.matte_in_fill},
                 {"coverage", r.slide.matte_coverage},
                 {"refined_by", r.slide.matte_refined ? r.matting_origin : "none"}};
   j["inpainting"] = r.slide.inpainting;

@@ -154,6 +154,7 @@ TEST_CASE(
     const SlideLayers zero = make_layers(
         {scene.image, scene.disparity, Tensor::zeros(DType::kF32, matte.shape())}, models, options);
     CHECK(zero.report.matte_used);
+    CHECK(zero.report.matte_in_fill == (std::string(model) != "inpaint_coarse"));
     CHECK(max_abs_difference(zero.background_image, plain.background_image) == 0);
     CHECK(max_abs_difference(zero.background_disparity, plain.background_disparity) == 0);
     // The disc and three pixels more.
