@@ -3,13 +3,17 @@
 
   evaluate.py depth   --cache CACHE --weights slide_depth.safetensors   [--views VIEWS] [--alphamatting FOLDER] [--sheet OUT.png]
   evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--views VIEWS] [--sheet OUT.png]
+                      [--matte-weights slide_matte.safetensors] [--depth-weights slide_depth.safetensors]
   evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--u2netp FOLDER] [--sheet OUT.png]
 
 VIEWS holds rectified stereo scenes (left.png, right.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
-GTnn_alpha.png; --u2netp photos beside the maps that U2-NetP's authors published of them. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
+GTnn_alpha.png; With
+--matte-weights the fill gets slide_matte's matte, too, and with --depth-weights a second round of composites has slide_depth's
+disparity. --u2netp photos beside the maps that U2-NetP's authors published of them. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
 """
 import argparse
 import glob
+import itertools
 import json
 import os
 
@@ -172,7 +176,13 @@ def uncovered(d):
     return hole, back
 
 
-def stereo(net, folder):
+def believed(matte):
+    """slide_matte's matte as slide_run --matte auto uses it: nothing where no subject stands out."""
+    used = .01 <= (matte > .5).mean() <= .85 and (matte > .9).mean() > .5 * (matte > .1).mean()
+    return (matte * used).astype(np.float32)
+
+
+def stereo(net, matting, folder):
     """What the right view uncovers, taken from the inpainted left view: PSNR in the uncovered pixels."""
     scores = {}
     for scene in sorted(glob.glob(folder + '/*/scene.json')):
@@ -191,6 +201,9 @@ def stereo(net, folder):
         with torch.no_grad():
             smooth, filled, _ = background_fill(s, dt, ht)
             ours = {'smooth fill': smooth[0, :3].numpy(), 'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
+            if matting:
+                m = torch.from_numpy(believed(matte_of(matting, left))[None, None, :h, :w])
+                ours["fill, slide_matte's"] = background_fill(s, dt, ht, m, False)[1][0, :3].numpy()
         unknown = background_weight(dt, ht)[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
         ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
@@ -208,17 +221,49 @@ def stereo(net, folder):
         print(f'stereo, {name:14s} PSNR {np.mean(rows, 0)[0]:.2f} dB, L1 {np.mean(rows, 0)[1]:.4f}; each {", ".join(f"{r[0]:.2f}" for r in rows)}', flush=True)
 
 
+def estimated(net, sample, parallax):
+    """The sample with the disparity that slide_depth makes of its scene, and the hole that follows."""
+    scene, truth, _, alpha, _, _, cover = sample
+    d = disparity(net, bytes_of(scene)).astype(np.float32)
+    d1, _, hole = layering((d - d.min()) / (np.ptp(d) + 1e-6), parallax)
+    scene[3] = 2 * d1 - 1
+    return scene, truth, d1[None], alpha, hole[None], hole * cover, cover
+
+
+def bytes_of(scene):
+    return ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).round().clip(0, 255).astype(np.uint8)
+
+
 def inpaint(a):
-    net, data = load(InpaintNet(), a.weights), InpaintData(a.cache, 99, 160, held=True)
+    net, matting = load(InpaintNet(), a.weights), load(MatteNet(), a.matte_weights) if a.matte_weights else None
+    data = InpaintData(a.cache, 99, 160, held=True)
+    composites(a, net, matting, (data.sample() for _ in range(120)))
+    if a.depth_weights:
+        print('with slide_depth\'s disparity, 256 pixels')
+        depths, data, rng = load(DepthNet(), a.depth_weights), InpaintData(a.cache, 778, 256, held=True), np.random.default_rng(346)
+        samples = (estimated(depths, data.sample(), np.exp(rng.uniform(np.log(5), np.log(30)))) for _ in range(150))
+        a.sheet = None
+        composites(a, net, matting, list(itertools.islice((s for s in samples if s[5].sum() >= 200), 90)))
+    if a.views:
+        stereo(net, matting, a.views)
+
+
+def composites(a, net, matting, samples):
     scores, tiles = {}, []
-    for k in range(120):
-        scene, truth, d, alpha, hole, mask, cover = data.sample()
+    for k, (scene, truth, d, alpha, hole, mask, cover) in enumerate(samples):
         with torch.no_grad():
             s, dt, ht, at = (torch.from_numpy(v)[None] for v in (scene, d, hole, alpha))
             smooth, filled, weight = background_fill(s, dt, ht)
             ours = {'smooth fill': smooth[0].numpy(), 'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
             behind = background_weight(dt, ht)
             shares = dict.fromkeys(ours, push_pull_fill(at, weight)[0, 0].numpy())
+            mattes = {'the true matte': (at, True)}
+            if matting:
+                mattes["slide_matte's"] = torch.from_numpy(believed(matte_of(matting, bytes_of(scene))))[None, None], False
+            for name, (m, exact) in mattes.items():
+                *both, w = background_fill(s, dt, ht, m, exact)
+                for how, y in zip(('smooth fill', 'fill'), both):
+                    ours[f'{how}, {name}'], shares[f'{how}, {name}'] = y[0].numpy(), push_pull_fill(at, w)[0, 0].numpy()
         unknown, beyond = (v[0, 0].numpy() < .5 for v in (weight, behind))
         rgb, matte = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8), (alpha[0] * 255).astype(np.uint8)
         for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', beyond), ('colour weight', unknown)):
@@ -250,8 +295,6 @@ def inpaint(a):
               f'foreground\'s share {share:.3f}')
     gain = np.array([r[0] for r in scores['network']]) - np.array([r[0] for r in scores['fill']])
     print(f'the network over the fill: {gain.mean():+.3f} dB, better in {100 * (gain > 0).mean():.0f}%, worst {gain.min():+.2f} dB')
-    if a.views:
-        stereo(net, a.views)
     if a.sheet:
         rows = [np.hstack([((v + 1) * 127.5).clip(0, 255).astype(np.uint8).transpose(1, 2, 0) for v in r]) for r in tiles]
         cv2.imwrite(a.sheet, np.hstack([np.vstack(rows[:12]), np.vstack(rows[12:])])[..., ::-1])
@@ -331,6 +374,8 @@ if __name__ == '__main__':
     p.add_argument('--views')
     p.add_argument('--alphamatting')
     p.add_argument('--u2netp')
+    p.add_argument('--matte-weights')
+    p.add_argument('--depth-weights')
     p.add_argument('--sheet')
     arguments = p.parse_args()
     torch.set_num_threads(1)
