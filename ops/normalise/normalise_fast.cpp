@@ -9,19 +9,38 @@
 
 #include "ops/common/elements.h"
 #include "ops/common/level_kernel.h"
+#include "ops/common/non_temporal.h"
 #include "ops/normalise/normalise_ops.h"
+#include "ops/normalise/normalise_routines.h"
 #include "ops/pointwise/binary_op.h"
 #include "ops/pointwise/pointwise_routines.h"
 #include "ops/pointwise/unary_op.h"
 #include "ops/pointwise/unary_row.h"
 #include "ops/reduce/reduce_routines.h"
+#include "ops/simd/dispatch.h"
 
 namespace slide::ops {
+
+#define SLIDE_DECLARE(level, enumerator)      \
+  namespace level {                           \
+  extern const NormaliseRoutines normalising; \
+  }
+SLIDE_EACH_ISA(SLIDE_DECLARE)
+#undef SLIDE_DECLARE
+
+std::span<const NormaliseRoutines* const> normalise_routines() {
+#define SLIDE_LIST(level, enumerator) &level::normalising,
+  static constexpr const NormaliseRoutines* kAll[] = {SLIDE_EACH_ISA(SLIDE_LIST)};
+#undef SLIDE_LIST
+  return kAll;
+}
+
 namespace {
 
-/// The routines that normalisation borrows from other families.
-struct NormaliseRoutines {
+/// Beside its own routines those that normalisation borrows from other families.
+struct JoinedRoutines {
   Isa isa;
+  const NormaliseRoutines* own;
   const PointwiseRoutines* pointwise;
   const ReduceRoutines* reduce;
 
@@ -32,17 +51,18 @@ struct NormaliseRoutines {
   }
 };
 
-std::span<const NormaliseRoutines* const> normalise_routines() {
-  static const std::vector<NormaliseRoutines> levels = [] {
-    std::vector<NormaliseRoutines> all;
-    for (std::size_t i = 0; i < pointwise_routines().size(); ++i)
-      all.push_back({pointwise_routines()[i]->isa, pointwise_routines()[i], reduce_routines()[i]});
+std::span<const JoinedRoutines* const> joined_routines() {
+  static const std::vector<JoinedRoutines> levels = [] {
+    std::vector<JoinedRoutines> all;
+    for (std::size_t i = 0; i < normalise_routines().size(); ++i)
+      all.push_back({normalise_routines()[i]->isa, normalise_routines()[i], pointwise_routines()[i],
+                     reduce_routines()[i]});
     return all;
   }();
-  static const std::vector<const NormaliseRoutines*> pointers = [] {
-    std::vector<const NormaliseRoutines*> all;
+  static const std::vector<const JoinedRoutines*> pointers = [] {
+    std::vector<const JoinedRoutines*> all;
     all.reserve(levels.size());
-    for (const NormaliseRoutines& r : levels) all.push_back(&r);
+    for (const JoinedRoutines& r : levels) all.push_back(&r);
     return all;
   }();
   return pointers;
@@ -50,7 +70,7 @@ std::span<const NormaliseRoutines* const> normalise_routines() {
 
 constexpr int kAffineRoundings = 3;
 
-class BatchNormKernel : public LevelKernel<BatchNormOp, NormaliseRoutines> {
+class BatchNormKernel : public LevelKernel<BatchNormOp, JoinedRoutines> {
  public:
   using LevelKernel::LevelKernel;
 
@@ -98,7 +118,7 @@ Statistics statistics(const ReduceRoutines& reduce, const float* x, std::int64_t
   return {mean, 1 / std::sqrt(squares / static_cast<double>(count) + eps)};
 }
 
-class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
+class GroupNormKernel : public LevelKernel<GroupNormOp, JoinedRoutines> {
  public:
   using LevelKernel::LevelKernel;
 
@@ -119,6 +139,7 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
     const float* bias = f32(inputs[2]);
     const float* residual = op.fusion().residual ? f32(inputs[3]) : nullptr;
     float* y = f32(output);
+    const bool non_temporal = static_cast<std::int64_t>(output.bytes()) >= kNonTemporalBytes;
     for_ranges(in.n * op.groups(), 1, [&](std::int64_t group, std::int64_t) {
       const Statistics s = statistics(*routines().reduce, x + group * count, count, op.eps());
       for (std::int64_t k = 0; k < channels; ++k) {
@@ -126,28 +147,34 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, NormaliseRoutines> {
         const double scale = static_cast<double>(weight[c]) * s.inverse;
         const std::int64_t at = group * count + k * in.plane();
         finish(op.fusion(), x + at, residual != nullptr ? residual + at : nullptr, y + at, in.plane(), scale,
-               static_cast<double>(bias[c]) - s.mean * scale);
+               static_cast<double>(bias[c]) - s.mean * scale, non_temporal);
       }
+      if (non_temporal) non_temporal_fence();
     });
   }
 
-  /// activation(scale · x + shift + residual), a piece at a time, so that it stays in the first-level cache.
+  /// activation(scale · x + shift + residual); what no ReLU is in a second pass, a piece at a time, so that
+  /// it stays in the first-level cache.
   void finish(const GroupNormFusion& fusion, const float* x, const float* residual, float* y,
-              std::int64_t count, double scale, double shift) const {
+              std::int64_t count, double scale, double shift, bool non_temporal) const {
     constexpr std::int64_t kPiece = 2048;
-    const auto add = routines().pointwise->binary[static_cast<std::size_t>(BinaryKind::kAdd)];
-    for (std::int64_t first = 0; first < count; first += kPiece) {
-      const std::int64_t piece = std::min(kPiece, count - first);
-      const auto n = static_cast<std::size_t>(piece);
+    const bool relu = fusion.activation && fusion.activation->kind() == UnaryKind::kRelu;
+    const bool second_pass = fusion.activation && !relu;
+    const float least = relu ? 0.0F : -std::numeric_limits<float>::infinity();
+    const std::int64_t step = second_pass ? kPiece : count;
+    for (std::int64_t first = 0; first < count; first += step) {
+      const std::int64_t piece = std::min(step, count - first);
       float* to = y + first;
-      routines().affine(x + first, to, piece, scale, shift);
-      if (residual != nullptr) add(to, 1, residual + first, 1, to, n);
-      if (fusion.activation) unary_row(*fusion.activation, *routines().pointwise)(to, to, n);
+      routines().own->finish({x + first, residual != nullptr ? residual + first : nullptr,
+                              static_cast<float>(scale), static_cast<float>(shift), least},
+                             to, piece, non_temporal && !second_pass);
+      if (second_pass)
+        unary_row(*fusion.activation, *routines().pointwise)(to, to, static_cast<std::size_t>(piece));
     }
   }
 };
 
-class WeightStandardiseKernel : public LevelKernel<WeightStandardiseOp, NormaliseRoutines> {
+class WeightStandardiseKernel : public LevelKernel<WeightStandardiseOp, JoinedRoutines> {
  public:
   using LevelKernel::LevelKernel;
 
@@ -169,7 +196,7 @@ class WeightStandardiseKernel : public LevelKernel<WeightStandardiseOp, Normalis
   }
 };
 
-class MinMaxNormaliseKernel : public LevelKernel<MinMaxNormaliseOp, NormaliseRoutines> {
+class MinMaxNormaliseKernel : public LevelKernel<MinMaxNormaliseOp, JoinedRoutines> {
  public:
   using LevelKernel::LevelKernel;
 
@@ -213,25 +240,24 @@ class MinMaxNormaliseKernel : public LevelKernel<MinMaxNormaliseOp, NormaliseRou
 }  // namespace
 
 std::span<const Kernel* const> BatchNormOp::kernels() const {
-  static const KernelList<BatchNormKernel, NormaliseRoutines> list("batch_norm.affine", normalise_routines());
+  static const KernelList<BatchNormKernel, JoinedRoutines> list("batch_norm.affine", joined_routines());
   return list.all();
 }
 
 std::span<const Kernel* const> GroupNormOp::kernels() const {
-  static const KernelList<GroupNormKernel, NormaliseRoutines> list("group_norm.float64",
-                                                                   normalise_routines());
+  static const KernelList<GroupNormKernel, JoinedRoutines> list("group_norm.float64", joined_routines());
   return list.all();
 }
 
 std::span<const Kernel* const> WeightStandardiseOp::kernels() const {
-  static const KernelList<WeightStandardiseKernel, NormaliseRoutines> list("weight_standardise.float64",
-                                                                           normalise_routines());
+  static const KernelList<WeightStandardiseKernel, JoinedRoutines> list("weight_standardise.float64",
+                                                                        joined_routines());
   return list.all();
 }
 
 std::span<const Kernel* const> MinMaxNormaliseOp::kernels() const {
-  static const KernelList<MinMaxNormaliseKernel, NormaliseRoutines> list("min_max_normalise.two_pass",
-                                                                         normalise_routines());
+  static const KernelList<MinMaxNormaliseKernel, JoinedRoutines> list("min_max_normalise.two_pass",
+                                                                      joined_routines());
   return list.all();
 }
 
