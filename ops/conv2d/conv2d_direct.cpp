@@ -27,9 +27,11 @@ Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::in
           packed + (group * panels_ * depth_ + panels_ * k) * routines_.rows};
 }
 
-/// A panel of weights times positions that fill at most one panel of columns.
-void Conv2dDirect::multiply(const Call& call, const Task& t, const Block& block, std::int64_t panel,
-                            const Columns& columns, float* sums) const {
+/// A panel of weights times positions that fill at most one panel of columns. Shallow products
+/// take a hundred cycles: this is part of the loops around it.
+[[gnu::always_inline]] inline void Conv2dDirect::multiply(const Call& call, const Task& t, const Block& block,
+                                                          std::int64_t panel, const Columns& columns,
+                                                          float* sums, const Ahead& ahead) const {
   const std::int64_t rows = routines_.rows;
   const std::int64_t first_row = panel * rows;
   const std::int64_t row = block.row + first_row;
@@ -39,7 +41,8 @@ void Conv2dDirect::multiply(const Call& call, const Task& t, const Block& block,
       {block.a + first_row * block.depth, columns.b, columns.offsets, block.depth,
        std::min(rows, g_.group_oc - first_row), columns.count, block.first ? call.starts + row : nullptr,
        sums, block.last, call.steps + row, call.biases + row, residual, residual_last_, epilogue_.low(),
-       epilogue_.high(), block.to_y ? call.arrays.y + at : sums, block.y_stride});
+       epilogue_.high(), block.to_y ? call.arrays.y + at : sums, block.y_stride, ahead.x,
+       ahead.rows > 0 ? ahead.count : 0});
   if (block.last && !block.to_y) write_rows(call, t, panel, columns.first, columns.count, sums);
 }
 
@@ -103,7 +106,7 @@ void Conv2dDirect::run_streaming(const Call& call, const Task& t, float* memory)
                        offsets_.data() + (local_ ? 0 : k)};
       for (std::int64_t panel = t.first_panel; panel < t.last_panel;
            ++panel, sums += routines_.rows * columns)
-        multiply(call, t, of_k, panel, at, sums);
+        multiply(call, t, of_k, panel, at, sums, {});
     }
   }
 }
@@ -151,6 +154,19 @@ void Conv2dDirect::find_words(const Call& call, const Task& t, std::int64_t k, c
   }
 }
 
+/// What the words k, ... are made of from position `first` of a strip on. Behind a task's last one come those
+/// of the task that this thread will probably take next.
+Conv2dDirect::Ahead Conv2dDirect::ahead_of(const Call& call, const Task& t, std::int64_t first,
+                                           std::int64_t k) const noexcept {
+  if (!fetches_) return {};
+  if (first == t.first + t.count) first = t.first + thread_count() * task_positions_;
+  const std::int64_t count = std::min(tile_positions_, g_.oplane() - first);
+  if (count <= 0) return {};
+  const std::int64_t channel = t.group * g_.group_ic + k * lanes_;
+  return {call.arrays.x + (t.image * g_.ic + channel) * g_.plane() + first, count,
+          std::min(block_depth_ * lanes_, g_.group_ic - k * lanes_)};
+}
+
 /// Many filters: a block of the depth of some positions stays in the first-level cache and is multiplied by
 /// all of them.
 void Conv2dDirect::run_gathered(const Call& call, const Task& t, float* memory) const {
@@ -174,13 +190,18 @@ void Conv2dDirect::run_gathered(const Call& call, const Task& t, float* memory) 
     }
     for (std::int64_t k = 0; k < depth_; k += block_depth_) {
       const Block of_k = block(call, t, k);
+      Ahead ahead =
+          of_k.last ? ahead_of(call, t, first, 0) : ahead_of(call, t, panels[0].first, k + of_k.depth);
       float* b = gathered;
       for (std::size_t i = 0; i < count; ++i, b += columns * block_depth_)
         find_words(call, t, k, planes, b, panels[i]);
       float* sums = tile;
       for (std::int64_t panel = t.first_panel; panel < t.last_panel; ++panel)
-        for (std::size_t i = 0; i < count; ++i, sums += routines_.rows * columns)
-          multiply(call, t, of_k, panel, panels[i], sums);
+        for (std::size_t i = 0; i < count; ++i, sums += routines_.rows * columns) {
+          multiply(call, t, of_k, panel, panels[i], sums, ahead);
+          ahead.x += ahead.rows > 1 ? g_.plane() : 0;
+          --ahead.rows;
+        }
     }
   }
 }

@@ -98,6 +98,10 @@ class Conv2dDirect {
     std::int64_t at;             // of panel 0 and the strip, in y
     const float* a;              // of panel 0
   };
+  struct Ahead {  // rows of x that are gathered next: each product fetches one
+    const float* x = nullptr;
+    std::int64_t count = 0, rows = 0;
+  };
   [[nodiscard]] std::int64_t panel_columns(std::int64_t first, std::int64_t last) const noexcept;
   void find_words(const Call& call, const Task& task, std::int64_t k, const float* planes, float* gathered,
                   Columns& columns) const;
@@ -106,7 +110,9 @@ class Conv2dDirect {
   void run_streaming(const Call& call, const Task& task, float* memory) const;
   [[nodiscard]] Block block(const Call& call, const Task& task, std::int64_t k) const noexcept;
   void multiply(const Call& call, const Task& task, const Block& block, std::int64_t panel,
-                const Columns& columns, float* sums) const;
+                const Columns& columns, float* sums, const Ahead& ahead) const;
+  [[nodiscard]] Ahead ahead_of(const Call& call, const Task& t, std::int64_t first,
+                               std::int64_t k) const noexcept;
   [[nodiscard]] bool writes_y() const noexcept;
   void write_rows(const Call& call, const Task& task, std::int64_t panel, std::int64_t first,
                   std::int64_t count, float* sums) const;
@@ -131,6 +137,7 @@ class Conv2dDirect {
   bool in_rows_;    // panels end where rows do, and are multiplied where they lie
   bool streaming_;  // ... by few filters: planes are made for a block of the depth
   bool local_;      // each task fills the planes it needs
+  bool fetches_;    // rows of x are fetched before they are gathered: they lie far away
   std::int64_t reach_y_, plane_width_;
   std::int64_t strip_rows_, strips_;     // output rows of the planes
   std::int64_t plane_size_;              // of a strip's rows

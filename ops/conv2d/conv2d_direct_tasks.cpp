@@ -21,6 +21,9 @@ constexpr std::int64_t kStreamedDepth = 160;   // at most, where a sum in order 
 constexpr std::int64_t kFewPanels = 2;         // gathering costs as much as half of one
 constexpr std::int64_t kLocalWords = 1 << 17;  // planes of a task: half of the second-level cache or less
 constexpr std::int64_t kLocalPanels = 8;       // with more, what lies farther away is read seldom
+// x as large is not in the second-level cache. It is fetched where products take long enough: deep ones, of
+// many panels, but not of integers, four rows of which become one.
+constexpr std::int64_t kFarNumbers = 1 << 18, kFarChannels = 64, kFetchingPanels = 8;
 constexpr std::int64_t kStripPositions = 4096;
 constexpr std::int64_t kFewTasks = 8;  // with fewer, output channels are split, too
 constexpr std::int64_t kMinTaskPanels = 8;
@@ -126,6 +129,8 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
   const bool wide = 3 * columns_out_ >= 2 * routines_.columns && idle * panels_ <= columns_out_;
   in_rows_ = streaming_ || (!in_place_ && wide);
   if (in_rows_ && precision == Precision::kInt8) block_depth_ = equal_part(depth_, kExactDepth);
+  const bool far = g_.ic * g_.plane() >= kFarNumbers && g_.ic >= kFarChannels && panels_ >= kFetchingPanels;
+  fetches_ = in_place_ && g_.stride_x == 1 && g_.stride_y == 1 && precision != Precision::kInt8 && far;
   choose_tasks();
   list_offsets();
 }

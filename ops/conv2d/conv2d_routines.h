@@ -70,6 +70,8 @@ struct WordProduct {
   float low, high;        ///< to which results are cut
   float* y;               ///< in the last block
   std::int64_t y_stride;  ///< from row to row; nothing is written behind row_count and column_count
+  const float* ahead;     ///< ahead_count numbers that will be wanted soon, and are fetched
+  std::int64_t ahead_count;
 };
 
 /// Channels that become words, as many to a word as the precision packs, each plane_size behind the one

@@ -122,6 +122,7 @@ void multiply_rows_of_words(const WordProduct& p) {
 
 template <typename P>
 void multiply_words(const WordProduct& p) {
+  for (std::int64_t j = 0; j < p.ahead_count; j += kRowAlignment) __builtin_prefetch(p.ahead + j, 0, 2);
   if (p.row_count > 4) return multiply_rows_of_words<P, kRows, kVectors>(p);
   if (p.row_count > 2) return multiply_rows_of_words<P, 4, kVectors>(p);
   if (p.row_count > 1) return multiply_rows_of_words<P, 2, kVectors>(p);
