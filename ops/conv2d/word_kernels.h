@@ -154,8 +154,35 @@ SLIDE_INLINE Bits make_words(const WordSource& s, const float* x, std::int64_t l
   return P::word(s.zero, s.inverse_step, lane);
 }
 
+/// A vector of words.
+struct WordMove {
+  std::int64_t from, to;
+};
+
+/// The same few vectors of each row, which overlap by rising `to`.
+template <int N>
+void copy_moves(const WordGather& g, const WordMove* moves, std::int64_t depth, float* b) {
+  for (std::int64_t k = 0; k < depth; ++k, b += kColumns) {
+    const float* x = g.source.x + g.offsets[k];
+    Bits words[N];
+    SLIDE_UNROLLED for (int n = 0; n < N; ++n) words[n] = load_words(x + moves[n].from);
+    SLIDE_UNROLLED for (int n = 0; n < N; ++n) store_words(b + moves[n].to, words[n]);
+  }
+}
+
 /// Words as they are, whole vectors of them.
 void gather_copies(const WordGather& g, std::int64_t depth, float* b) {
+  constexpr std::int64_t kMost = 6;
+  WordMove moves[kMost];
+  std::int64_t count = 0;
+  for (std::int64_t r = 0; r < g.run_count; ++r)
+    for (std::int64_t j = 0; j < g.runs[r].count; j += kWidth, ++count)
+      if (count < kMost) moves[count] = {g.runs[r].from + j, g.runs[r].to + j};
+  if (count == 2) return copy_moves<2>(g, moves, depth, b);
+  if (count == 3) return copy_moves<3>(g, moves, depth, b);
+  if (count == 4) return copy_moves<4>(g, moves, depth, b);
+  if (count == 5) return copy_moves<5>(g, moves, depth, b);
+  if (count == 6) return copy_moves<6>(g, moves, depth, b);
   for (std::int64_t k = 0; k < depth; ++k, b += kColumns) {
     const float* x = g.source.x + g.offsets[k];
     for (std::int64_t r = 0; r < g.run_count; ++r) {
