@@ -23,9 +23,10 @@ constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
 // Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
 constexpr double kFar = 0.1;
 constexpr double kNear = 0.4;
-constexpr std::int64_t kMatteReach =
-    20;                         // the photo's longer side over it: around the subject its matte counts
-constexpr double kClear = 0.1;  // alpha from which a pixel of an exact matte is not background at all
+// The photo's longer side over it: so far around the subject its matte counts.
+constexpr std::int64_t kMatteReach = 20;
+// Alpha from which a pixel of an exact matte is not background at all.
+constexpr double kClear = 0.1;
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
 

@@ -51,9 +51,8 @@ Value matted_weight(Value weight, const SubjectMatte& matte);
 Value detail(Value rgb, Value weight);
 
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
-/// smoothly: colours by colour_weight(), or with a
-/// matte matted_weight(), and with detail(), disparity by background_weight(). What inpainting
-/// without a network is, and what slide_inpaint corrects.
+/// smoothly: colours by colour_weight(), or with a matte matted_weight(), and with detail(), disparity by
+/// background_weight(). What inpainting without a network is, and what slide_inpaint corrects.
 /// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole

@@ -59,7 +59,8 @@ struct Background {
 /// @param disocclusion S, 1×1×H×W
 /// @param hole         H, 1×1×H×W
 /// @param matte        M, for the fill and slide_inpaint, which starts from it; other networks see the hole
-/// alone Throws Error(kUsage) if the model is no inpainting network.
+///                     alone
+/// Throws Error(kUsage) if the model is no inpainting network.
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
                               const NetworkChoice& network,
                               const std::optional<SubjectMatte>& matte = std::nullopt);

@@ -44,17 +44,6 @@ std::int64_t gathered_depth(std::int64_t depth, Isa isa) {
   return equal_part(depth, std::max(least, root));
 }
 
-std::int64_t lanes_of(Precision precision) {
-  switch (precision) {
-    case Precision::kBf16:
-      return 2;
-    case Precision::kInt8:
-      return 4;
-    default:
-      return 1;
-  }
-}
-
 bool upsamples_3x3(const Conv2dGeometry& g) {
   return g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 &&
          g.dilation_x == 1 && g.top == 1 && g.left == 1 && g.oheight == g.height && g.owidth == g.width;

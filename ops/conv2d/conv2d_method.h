@@ -8,6 +8,7 @@
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/pointwise/unary_op.h"
 #include "runtime/op.h"
+#include "runtime/precision.h"
 
 namespace slide::ops {
 
@@ -24,6 +25,11 @@ struct Conv2dFusion {
 
 /// "relu before, residual, relu6", with residual_last "relu6, residual"; empty for a plain convolution.
 [[nodiscard]] std::string text_of(const Conv2dFusion& fusion);
+
+/// Channels whose numbers share a 32-bit word of the methods that multiply words.
+inline std::int64_t lanes_of(Precision precision) noexcept {
+  return precision == Precision::kInt8 ? 4 : precision == Precision::kBf16 ? 2 : 1;
+}
 
 /// The tensors of one call.
 struct Conv2dArrays {

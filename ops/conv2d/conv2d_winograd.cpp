@@ -93,8 +93,6 @@ const WinogradTransforms& transforms_of(int tile, const WinogradRoutines& routin
   return tile == 2 ? routines.two : tile == 4 ? routines.four : routines.six;
 }
 
-std::int64_t lanes_of(Precision precision) { return precision == Precision::kBf16 ? 2 : 1; }
-
 /// Near the square root of the channels, where the roundings within and of blocks are in balance.
 std::int64_t block_depth_for(std::int64_t channels) {
   std::int64_t block = 8;
