@@ -1,4 +1,6 @@
 #include <algorithm>
+#include <utility>
+#include <vector>
 
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fusion/rewrites.h"
@@ -6,6 +8,7 @@
 #include "ops/pointwise/binary_op.h"
 #include "ops/pointwise/unary_op.h"
 #include "ops/pointwise/unary_row.h"
+#include "ops/resize/resize_op.h"
 #include "ops/tensor_shape/tensor_shape_ops.h"
 
 namespace slide::ops {
@@ -91,37 +94,46 @@ bool fold_norm(Draft& draft, int i) {
   return true;
 }
 
-/// Whether a residual fits behind node i: a convolution or group norm that nothing else reads, with neither
-/// gate nor residual, of which convolutions may have an activation.
+/// Whether a residual fits behind node i: a convolution, resize or group norm that nothing else reads, with
+/// neither gate nor residual, of which convolutions may have an activation.
 bool takes_residual(const Draft& draft, int i) {
   if (!draft.read_once(i)) return false;
+  if (const auto* resize = draft.as<ResizeOp>(i)) return !resize->fusion().residual;
   if (const auto* conv = draft.as<Conv2dOp>(i)) return !conv->fusion().gate && !conv->fusion().residual;
   const auto* norm = draft.as<GroupNormOp>(i);
   return norm != nullptr && !norm->fusion().residual && norm->fusion().activation == nullptr;
 }
 
-/// add() i becomes the later of the two convolutions or group norms before it, with the other summand as its
-/// residual.
+/// Node i, a convolution, resize or group norm, with a residual.
+std::shared_ptr<const Op> with_residual(const Draft& draft, int i) {
+  if (const auto* resize = draft.as<ResizeOp>(i))
+    return std::make_shared<ResizeOp>(resize->params(), ResizeFusion{.residual = true});
+  if (const auto* norm = draft.as<GroupNormOp>(i)) return with_fusion(*norm, {.residual = true});
+  const auto& conv = *draft.as<Conv2dOp>(i);
+  Conv2dFusion fusion = conv.fusion();
+  fusion.residual = true;
+  fusion.residual_last = fusion.activation != nullptr;
+  return std::make_shared<Conv2dOp>(conv.params(), fusion);
+}
+
+/// add() i becomes the later of the two convolutions, resizes or group norms before it, with the other
+/// summand as its residual. A resize only if no other can: they have activations behind.
 void fuse_residual(Draft& draft, int i) {
   const auto* add = draft.as<BinaryOp>(i);
   if (add == nullptr || add->kind() != BinaryKind::kAdd) return;
   const std::vector<int> summands = draft.node(i).inputs;
   if (draft.node(summands[0]).shape != draft.node(summands[1]).shape) return;
   const auto [first, last] = std::minmax({summands[0], summands[1]});
-  for (const auto& [before, other] : {std::pair(last, first), std::pair(first, last)}) {
+  std::vector<std::pair<int, int>> candidates{{last, first}, {first, last}};
+  std::ranges::stable_partition(candidates,
+                                [&](const auto& pair) { return draft.as<ResizeOp>(pair.first) == nullptr; });
+  for (const auto& [before, other] : candidates) {
     if (!takes_residual(draft, before)) continue;
     std::vector<int> inputs = draft.node(before).inputs;
-    if (inputs.size() < 3) inputs.push_back(draft.add_constant(i, {draft.node(i).shape[1]}, 0));
+    if (draft.as<Conv2dOp>(before) != nullptr && inputs.size() < 3)
+      inputs.push_back(draft.add_constant(i, {draft.node(i).shape[1]}, 0));
     inputs.push_back(other);
-    std::shared_ptr<const Op> fused;
-    if (const auto* conv = draft.as<Conv2dOp>(before)) {
-      Conv2dFusion fusion = conv->fusion();
-      fusion.residual = true;
-      fusion.residual_last = fusion.activation != nullptr;
-      fused = std::make_shared<Conv2dOp>(conv->params(), fusion);
-    } else {
-      fused = with_fusion(*draft.as<GroupNormOp>(before), {.residual = true});
-    }
+    std::shared_ptr<const Op> fused = with_residual(draft, before);
     if (draft.may_become(i, *fused, inputs)) return draft.replace(i, std::move(fused), std::move(inputs));
   }
 }

@@ -25,7 +25,11 @@ struct FusionOptions {
 /// - before it, where only convolutions read it: relu(), zero padding, and the nearest upsampling by 2 of 3×3
 ///   convolutions that keep the size.
 ///
-/// Into a group norm go an add() and an activation behind it, in this order.
+/// Into a group norm go an add() and an activation behind it, in this order; into a resize an add().
+///
+/// A 1×1 convolution of an enlarged tensor that nothing else reads becomes the enlargement of a convolution:
+/// both are linear, one between channels, the other between pixels with weights that add up to 1, and the
+/// small tensor has fewer pixels to multiply.
 ///
 /// Nodes that copy their input (concat of one, resize, slice or reshape to the same shape, affine 1·x + 0)
 /// and nodes that no output depends on are left out.

@@ -47,15 +47,16 @@ double cubic_kernel(double d, double a) {
   return 0;
 }
 
-/// The sum over the taps of f(weight) · f(x).
+/// The sum over the taps of f(weight) · f(x), and of f(residual).
 template <typename F>
-void resample(const ResizeOp& op, const Tensor& input, Tensor& output, F f) {
-  const Nchw in = nchw(input.shape());
+void resample(const ResizeOp& op, std::span<const Tensor> inputs, Tensor& output, F f) {
+  const Nchw in = nchw(inputs[0].shape());
   const Nchw out = nchw(output.shape());
   const ResizeAxis rows = op.axis(0, in.h);
   const ResizeAxis columns = op.axis(1, in.w);
   const auto taps = static_cast<std::size_t>(rows.taps);
-  const double* x = f64(input);
+  const double* x = f64(inputs[0]);
+  const double* residual = op.fusion().residual ? f64(inputs[1]) : nullptr;
   double* y = f64(output);
   for_ranges(in.n * in.c * out.h, 4, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t line = begin; line < end; ++line) {
@@ -67,7 +68,8 @@ void resample(const ResizeOp& op, const Tensor& input, Tensor& output, F f) {
           for (std::size_t v = j * taps; v < (j + 1) * taps; ++v)
             sum +=
                 f(rows.weight[u]) * f(columns.weight[v]) * f(plane[rows.index[u] * in.w + columns.index[v]]);
-        y[line * out.w + static_cast<std::int64_t>(j)] = sum;
+        const std::int64_t at = line * out.w + static_cast<std::int64_t>(j);
+        y[at] = residual != nullptr ? sum + f(residual[at]) : sum;
       }
     }
   });
@@ -117,11 +119,13 @@ std::string ResizeOp::attributes() const {
                      std::string(kCoordinates[static_cast<std::size_t>(params_.coordinates)]) + " to " +
                      std::to_string(params_.size[0]) + "x" + std::to_string(params_.size[1]);
   if (params_.mode == ResizeMode::kCubic) text += " a " + number_text(params_.cubic_a);
+  if (fusion_.residual) text += ", residual";
   return text;
 }
 
 Shape ResizeOp::infer(std::span<const Shape> inputs) const {
-  require_input_count("resize", inputs, 1, 1);
+  const std::size_t count = fusion_.residual ? 2 : 1;
+  require_input_count("resize", inputs, count, count);
   const Nchw in = nchw(inputs[0]);
   for (const std::int64_t size : params_.size)
     require(size >= 1 && size <= std::int64_t{1} << 31,
@@ -130,16 +134,22 @@ Shape ResizeOp::infer(std::span<const Shape> inputs) const {
     for (const double s : *params_.scale)
       require(std::isfinite(s) && s > 0, "the scale " + number_text(s) + " is not positive");
   require(std::isfinite(params_.cubic_a), "the cubic parameter is not finite");
-  return {in.n, in.c, params_.size[0], params_.size[1]};
+  const Shape output{in.n, in.c, params_.size[0], params_.size[1]};
+  if (fusion_.residual) require_shape("residual", inputs[1], output);
+  return output;
 }
 
 void ResizeOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
-  resample(*this, inputs[0], output, [](double v) { return v; });
+  resample(*this, inputs, output, [](double v) { return v; });
 }
 
 /// The same sum over magnitudes.
 void ResizeOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
-  resample(*this, inputs[0], scale, [](double v) { return std::fabs(v); });
+  resample(*this, inputs, scale, [](double v) { return std::fabs(v); });
+}
+
+double ResizeOp::error_share(std::size_t /*index*/, std::span<const Shape> inputs) const {
+  return 1.0 / static_cast<double>(inputs.size());
 }
 
 Value resize(Value x, const ResizeParams& params) {

@@ -37,15 +37,17 @@ class ResizeKernel : public LevelKernel<ResizeOp, ResizeRoutines> {
   }
 
  private:
-  /// In each direction the weights are rounded, then the products, then taps - 1 sums. Nearest copies.
+  /// In each direction the weights are rounded, then the products, then taps - 1 sums. Nearest copies. A
+  /// residual is one more rounding.
   [[nodiscard]] double factor(const ResizeOp& op, std::span<const Shape> /*inputs*/) const override {
+    const int residual = op.fusion().residual ? 1 : 0;
     switch (op.params().mode) {
       case ResizeMode::kNearest:
-        return 0;
+        return rounding_factor(residual);
       case ResizeMode::kLinear:
-        return rounding_factor(2 * 3);
+        return rounding_factor(2 * 3 + residual);
       case ResizeMode::kCubic:
-        return rounding_factor(2 * 5);
+        return rounding_factor(2 * 5 + residual);
     }
     return 0;
   }
@@ -61,8 +63,9 @@ class ResizeKernel : public LevelKernel<ResizeOp, ResizeRoutines> {
       const std::int64_t first = task % tasks * kRowsPerTask;
       ResizedRows rows(routines(), tables, f32(inputs[0]) + plane * in.plane());
       float* y = f32(output) + plane * out.plane();
+      const float* residual = op.fusion().residual ? f32(inputs[1]) + plane * out.plane() : nullptr;
       for (std::int64_t i = first; i < std::min(out.h, first + kRowsPerTask); ++i)
-        rows.write(i, y + i * out.w);
+        rows.write(i, y + i * out.w, residual != nullptr ? residual + i * out.w : nullptr);
     });
   }
 };

@@ -65,26 +65,42 @@ void along_row(const float* x, const std::int32_t* index, const float* weight, i
   for (std::size_t j = 0; j < count; ++j) y[j] = x[index[j]];
 }
 
-template <int Taps>
-void blend(const float* const* rows, const float* weight, float* y, std::size_t count) {
+template <int Taps, bool Residual>
+void blend(const float* const* rows, const float* weight, const float* residual, float* y,
+           std::size_t count) {
   std::size_t j = 0;
   for (; j + kWidth <= count; j += kWidth) {
     simd::own_ahead(y + j);
     Float sum = broadcast<>(weight[0]) * simd::load(rows[0] + j);
     for (int k = 1; k < Taps; ++k) sum = fma(broadcast<>(weight[k]), simd::load(rows[k] + j), sum);
+    if constexpr (Residual) {
+      simd::fetch_ahead(residual + j);
+      sum = sum + simd::load(residual + j);
+    }
     simd::store(y + j, sum);
   }
   for (; j < count; ++j) {
     float sum = weight[0] * rows[0][j];
     for (int k = 1; k < Taps; ++k) sum += weight[k] * rows[k][j];
-    y[j] = sum;
+    y[j] = Residual ? sum + residual[j] : sum;
   }
 }
 
-void across_rows(const float* const* rows, const float* weight, int taps, float* y, std::size_t count) {
-  if (taps == 4) return blend<4>(rows, weight, y, count);
-  if (taps == 2) return blend<2>(rows, weight, y, count);
-  __builtin_memcpy(y, rows[0], count * sizeof(float));
+template <bool Residual>
+void blend_taps(const float* const* rows, const float* weight, int taps, const float* residual, float* y,
+                std::size_t count) {
+  if (taps == 4) return blend<4, Residual>(rows, weight, residual, y, count);
+  if (taps == 2) return blend<2, Residual>(rows, weight, residual, y, count);
+  blend<1, Residual>(rows, weight, residual, y, count);  // times 1: exact
+}
+
+void across_rows(const float* const* rows, const float* weight, int taps, const float* residual, float* y,
+                 std::size_t count) {
+  if (residual != nullptr) return blend_taps<true>(rows, weight, taps, residual, y, count);
+  if (taps == 1)
+    __builtin_memcpy(y, rows[0], count * sizeof(float));
+  else
+    blend_taps<false>(rows, weight, taps, nullptr, y, count);
 }
 
 }  // namespace

@@ -14,10 +14,18 @@ struct ResizeAxis {
   std::vector<double> weight;
 };
 
+/// What a resize may do beside resampling (ops/fusion).
+struct ResizeFusion {
+  bool residual = false;  ///< the last input, of the output's shape, is added
+};
+
+/// resize(); inputs x and, if fused, a residual.
 class ResizeOp : public Op {
  public:
-  explicit ResizeOp(const ResizeParams& params) : params_(params) {}
+  explicit ResizeOp(const ResizeParams& params, ResizeFusion fusion = {})
+      : params_(params), fusion_(fusion) {}
   [[nodiscard]] const ResizeParams& params() const noexcept { return params_; }
+  [[nodiscard]] const ResizeFusion& fusion() const noexcept { return fusion_; }
   /// Rows (axis 0) or columns (axis 1) of an input with that extent.
   [[nodiscard]] ResizeAxis axis(int axis, std::int64_t extent) const;
 
@@ -26,10 +34,13 @@ class ResizeOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// x and a residual count as equal.
+  [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
   ResizeParams params_;
+  ResizeFusion fusion_;
 };
 
 }  // namespace slide::ops

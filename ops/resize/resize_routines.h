@@ -14,8 +14,9 @@ struct ResizeRoutines {
   /// y[j] = sum over k of weight[k·count + j] · x[index[k·count + j]]
   void (*along_row)(const float* x, const std::int32_t* index, const float* weight, int taps, float* y,
                     std::size_t count);
-  /// y[j] = sum over k of weight[k] · row[k][j]
-  void (*across_rows)(const float* const* rows, const float* weight, int taps, float* y, std::size_t count);
+  /// y[j] = sum over k of weight[k] · row[k][j], plus residual[j] unless residual is null
+  void (*across_rows)(const float* const* rows, const float* weight, int taps, const float* residual,
+                      float* y, std::size_t count);
 };
 
 /// Those of every level of this build, best first.

@@ -36,7 +36,7 @@ const float* ResizedRows::along(std::int64_t row) {
   return memory;
 }
 
-void ResizedRows::write(std::int64_t i, float* y) {
+void ResizedRows::write(std::int64_t i, float* y, const float* residual) {
   std::array<const float*, 4> sources{};
   std::array<float, 4> weights{};
   for (std::size_t k = 0; k < static_cast<std::size_t>(tables_.rows.taps); ++k) {
@@ -44,7 +44,7 @@ void ResizedRows::write(std::int64_t i, float* y) {
     weights[k] = static_cast<float>(tables_.rows.weight[at]);
     sources[k] = along(tables_.rows.index[at]);
   }
-  routines_.across_rows(sources.data(), weights.data(), tables_.rows.taps, y,
+  routines_.across_rows(sources.data(), weights.data(), tables_.rows.taps, residual, y,
                         static_cast<std::size_t>(tables_.out_width));
 }
 

@@ -27,8 +27,8 @@ class ResizedRows {
  public:
   /// All are kept by reference.
   ResizedRows(const ResizeRoutines& routines, const ResizeTables& tables, const float* plane);
-  /// Row i, written to y.
-  void write(std::int64_t i, float* y);
+  /// Row i, plus the residual unless that is null, written to y.
+  void write(std::int64_t i, float* y, const float* residual = nullptr);
 
  private:
   [[nodiscard]] const float* along(std::int64_t row);

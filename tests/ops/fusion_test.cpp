@@ -12,7 +12,7 @@
 #include "ops/gated_conv/gated_conv2d.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/resize/resize.h"
+#include "ops/resize/resize_op.h"
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/reference_executor.h"
 #include "runtime/weights.h"
@@ -390,7 +390,6 @@ TEST_CASE("upsampling stays where it is not by two, not the nearest, or not read
   CHECK(left([](Net& n) { return n.conv(upsample_nearest(n.x, 3), "a"); }));
   CHECK(left([](Net& n) { return n.conv(resize_bilinear(n.x, 12, 16, false), "a"); }));
   CHECK(left([](Net& n) { return n.conv(upsample_nearest(n.x, 2), "a", true, 5); }));
-  CHECK(left([](Net& n) { return n.conv(upsample_nearest(n.x, 2), "a", true, 1); }));
   for (const Conv2dParams& params : {Conv2dParams::same(3, 2), Conv2dParams::same(3, 1, 2), Conv2dParams{}})
     CHECK(left([&](Net& n) {
       return conv2d(upsample_nearest(n.x, 2), n.graph.parameter("w", {4, 4, 3, 3}), std::nullopt, params);
@@ -416,6 +415,64 @@ TEST_CASE("upsampling stays if one of its readers cannot do it") {
   n.graph.output("y", add(n.conv(up, "a"), up));
   n.graph.output("z", n.conv(up, "b", true, 1));
   CHECK(types(*fused(n.graph)) == Types{"resize", "conv2d", "conv2d"});
+}
+
+TEST_CASE("a 1x1 convolution comes before the enlargement that it reads, with what is fused behind it") {
+  const auto enlarged = [](auto&& resized) {
+    Net n;
+    const Value y = n.norm(n.conv(resized(n.x), "a", false, 1, 3), "bn");
+    n.graph.output("y", add(y, n.graph.input("z", y.shape())));
+    const auto result = fused(n.graph);
+    CHECK(types(*result) == Types{"conv2d", "resize"});
+    const Node& outer = result->node(*result->find("y"));
+    CHECK(dynamic_cast<const ResizeOp&>(*outer.op).fusion().residual);
+    CHECK(result->node(outer.inputs[0]).shape == Shape{1, 3, 6, 8});
+  };
+  enlarged([](Value x) { return upsample_nearest(x, 3); });
+  enlarged([](Value x) { return resize_bilinear(x, 12, 16, true); });
+  enlarged([](Value x) { return resize_bilinear(x, 7, 8, false); });
+  enlarged([](Value x) { return resize_bicubic(x, 11, 19); });
+}
+
+TEST_CASE("a 1x1 convolution stays behind a resize where it would not be the same or no less work") {
+  const auto order = [](auto&& build) {
+    Net n;
+    n.graph.output("y", build(n));
+    return types(*fused(n.graph));
+  };
+  const auto conv_of_larger = [](Net& n, const Conv2dParams& params) {
+    const Value weight = n.graph.parameter("w", {4, 4, 1, 1});
+    return conv2d(resize_bilinear(n.x, 12, 16, false), weight, std::nullopt, params);
+  };
+  CHECK(order([](Net& n) { return n.conv(resize_bilinear(n.x, 3, 4, false), "a", true, 1); }) ==
+        Types{"resize", "conv2d"});
+  CHECK(order([&](Net& n) { return conv_of_larger(n, {.stride = {2, 2}}); }) == Types{"resize", "conv2d"});
+  CHECK(order([&](Net& n) {
+          return conv_of_larger(n, {.padding = {0, 1, 0, 0}});
+        }) == Types{"resize", "conv2d"});
+  CHECK(order([&](Net& n) { return relu(conv_of_larger(n, {})); }) == Types{"resize", "conv2d"});
+  CHECK(order([&](Net& n) {
+          const Value larger = resize_bilinear(n.x, 12, 16, false);
+          return concat(std::vector{larger, n.conv(larger, "a", true, 1)}, 1);
+        }) == Types{"resize", "conv2d", "concat"});
+}
+
+TEST_CASE("a resize takes in the sum behind it unless a convolution does") {
+  Net n;
+  const Value larger = resize_bilinear(n.x, 12, 16, false);
+  SUBCASE("of a tensor") {
+    n.graph.output("y", relu(add(n.graph.input("z", larger.shape()), larger)));
+    CHECK(types(*fused(n.graph)) == Types{"resize", "relu"});
+  }
+  SUBCASE("of a convolution, though that is the earlier one") {
+    const Value y = n.conv(n.graph.input("z", larger.shape()), "a");
+    n.graph.output("y", relu(add(y, resize_bilinear(n.x, 12, 16, true))));
+    CHECK(types(*fused(n.graph)) == Types{"resize", "conv2d"});
+  }
+  SUBCASE("of itself, not") {
+    n.graph.output("y", add(larger, larger));
+    CHECK(types(*fused(n.graph)) == Types{"resize", "add"});
+  }
 }
 
 TEST_CASE("zeros around an image become the padding of the convolutions that read it") {

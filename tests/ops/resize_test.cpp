@@ -126,6 +126,20 @@ TEST_CASE("resize kernels keep their bounds up and down at every width around th
       }
 }
 
+TEST_CASE("resize kernels add a residual within their bounds at every width around the vector width") {
+  for (const ResizeMode mode : kModes)
+    for (const std::int64_t width : {1, 7, 16, 33}) {
+      const Tensor x = random_tensor({1, 2, 5, 19}, static_cast<unsigned>(width));
+      const Tensor residual = random_tensor({1, 2, 8, width}, 99);
+      test::judge({{x, residual}, [&](const std::vector<Value>& v) {
+                     const auto op =
+                         std::make_shared<ops::ResizeOp>(to(mode, ResizeCoordinates::kHalfPixel, 8, width),
+                                                         ops::ResizeFusion{.residual = true});
+                     return v[0].graph().add(op, {v[0], v[1]});
+                   }});
+    }
+}
+
 TEST_CASE("nearest rounding follows ONNX's four rules at ties") {
   const Tensor x = test::tensor_of({1, 1, 1, 4}, {0, 1, 2, 3});
   const auto rounded = [&](ops::NearestRounding rounding) {
