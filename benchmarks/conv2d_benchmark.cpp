@@ -58,6 +58,8 @@ int main(int argc, char** argv) {
   register_layer("1x1_96_to_24", {96, 24, 1, 64, 1, 1, false});
   register_layer("gated_3x3_96_to_192", {96, 192, 3, 64, 1, 1, true});
   register_layer("first_7x7_s2", {3, 64, 7, 384, 2, 1, false});
+  register_layer("3x3_64_to_1", {64, 1, 3, 320, 1, 1, false});
+  register_layer("1x1_32_to_1", {32, 1, 1, 256, 1, 1, false});
   register_layer("grouped_32x8", {256, 256, 3, 96, 1, 32, false});
   register_layer("depthwise_3x3", {144, 144, 3, 96, 1, 144, false});
   benchmark::RunSpecifiedBenchmarks();

@@ -154,8 +154,8 @@ class Conv2dDirectBf16 : public Conv2dDirect {
   static constexpr Precision kPrecision = Precision::kBf16;
   Conv2dDirectBf16(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
       : Conv2dDirect(routines, geometry, fusion, Precision::kBf16) {}
-  /// Not where Winograd's F(4) in float32 does a quarter of the multiplications: it is as fast and more
-  /// exact.
+  /// Not where float32 is as fast and more exact: where Winograd's F(4) does a quarter of the
+  /// multiplications, and where a single filter waits for its input.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 };
 
@@ -164,7 +164,8 @@ class Conv2dDirectInt8 : public Conv2dDirect {
   static constexpr Precision kPrecision = Precision::kInt8;
   Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
       : Conv2dDirect(routines, geometry, fusion, Precision::kInt8) {}
-  /// Not the first layers, whose words would be half empty and whose errors all others inherit.
+  /// Not the first layers, whose words would be half empty and whose errors all others inherit, nor a
+  /// single filter.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
   /// What quantisation may do to the sums, with the range measured:
   ///   (|x| + step_x / 2) ∗ (|w| + step_w / 2) - |x| ∗ |w|, and float32 roundings.

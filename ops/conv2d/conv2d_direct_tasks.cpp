@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 
+#include "ops/conv2d/conv2d_few_filters.h"
 #include "ops/conv2d/conv2d_winograd.h"
 #include "runtime/threads.h"
 
@@ -77,11 +78,12 @@ bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noe
 }
 
 bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.group_ic >= 2 && !Conv2dWinograd<4>::fits(g, fusion);
+  return possible(g, fusion) && g.group_ic >= 2 && !Conv2dFewFilters::beats_lower(g, fusion) &&
+         !Conv2dWinograd<4>::fits(g, fusion);
 }
 
 bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.group_ic >= 8;
+  return possible(g, fusion) && g.group_ic >= 8 && !Conv2dFewFilters::beats_lower(g, fusion);
 }
 
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,

@@ -19,6 +19,7 @@ namespace {
 // avx512bf16; neon, which was not measured, is taken to be like baseline.
 constexpr Conv2dExpectation kExpectations[] = {
     {"conv2d.depthwise", 0.35, {1, 1, 1, 1, 1}},
+    {"conv2d.few_filters", 0.32, {1, 1.5, 1.5, 1.5, 1}},
     {"conv2d.winograd4", 1.5, {0.75, 0.75, 0.65, 0.65, 0.75}},
     {"conv2d.winograd2", 0.6, {0.75, 0.75, 0.72, 0.72, 0.75}},
     {"conv2d.grouped_gate", 0.35, {0.9, 0.9, 0.9, 0.9, 0.9}},

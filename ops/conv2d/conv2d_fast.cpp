@@ -10,6 +10,7 @@
 #include "ops/conv2d/conv2d_depthwise.h"
 #include "ops/conv2d/conv2d_direct.h"
 #include "ops/conv2d/conv2d_expectation.h"
+#include "ops/conv2d/conv2d_few_filters.h"
 #include "ops/conv2d/conv2d_gemm.h"
 #include "ops/conv2d/conv2d_grouped_gate.h"
 #include "ops/conv2d/conv2d_op.h"
@@ -156,6 +157,7 @@ std::span<const Kernel* const> Conv2dOp::kernels() const {
   static const std::vector<const Kernel*> all = [] {
     std::vector<const Kernel*> methods;
     list<Conv2dDepthwise>("conv2d.depthwise", methods);
+    list<Conv2dFewFilters>("conv2d.few_filters", methods);
     list<Conv2dWinograd<4>>("conv2d.winograd4", methods);
     list<Conv2dWinograd<2>>("conv2d.winograd2", methods);
     list<Conv2dGroupedGate>("conv2d.grouped_gate", methods);

@@ -5,6 +5,7 @@
 
 #include "ops/conv2d/conv2d_routines.h"
 #include "ops/conv2d/depthwise_kernels.h"
+#include "ops/conv2d/few_filters_kernels.h"
 #include "ops/conv2d/word_kernels.h"
 #include "ops/simd/math.h"
 
@@ -155,7 +156,8 @@ const Conv2dRoutines conv2d_routines {
       kRows, kColumns, multiply, pack_columns,
       {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>},
       {fill_rows<Fp32>, fill_rows<Bf16>, fill_rows<Int8>}, {gather<Fp32>, gather<Bf16>, gather<Int8>},
-      gather_copies, range, gate, depthwise_row, depthwise_plane, split_plane
+      gather_copies, range, gate, depthwise_row, depthwise_plane, split_plane,
+      {kTileRows<1>, kTileRows<2>, kTileRows<3>, kTileRows<4>}, add_filters
 };
 
 }  // namespace slide::ops::SLIDE_ISA

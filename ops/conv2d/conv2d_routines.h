@@ -105,6 +105,28 @@ struct WordGather {
   std::int64_t run_count, stride;
 };
 
+/// Runs of numbers that will be wanted soon.
+struct FilterAhead {
+  const float* x;
+  std::int64_t count, part;  ///< of a run; how many of it are fetched at each kRowAlignment positions
+  std::int64_t runs, step;   ///< from run to run
+};
+
+/// Some channels of a convolution of few filters, for a tile of output rows: those of output row k and tap
+/// row u are the tile's input rows k + u.
+struct FilterTile {
+  const float* const* rows;  ///< of each channel the tile's input rows
+  std::int64_t channels;
+  std::int64_t width;  ///< of input rows; zeros surround them
+  std::int64_t left, dilation_x;
+  std::int64_t filters, kheight, kwidth;
+  const float* weight;    ///< channels × kwidth × filters × kheight
+  float* sums;            ///< filters × rows of whole vectors
+  std::int64_t sum_step;  ///< from row to row
+  std::int64_t count;     ///< of output positions in a row
+  FilterAhead ahead;      ///< fetched meanwhile, if there is more than one tap row
+};
+
 /// The inner loops of the convolutions, compiled once per instruction-set level.
 struct Conv2dRoutines {
   Isa isa;
@@ -157,6 +179,12 @@ struct Conv2dRoutines {
   /// odd rows' even and odd columns, phase_size apart. Numbers below `least` count as that.
   void (*split_plane)(const float* x, std::int64_t rows, std::int64_t width, float least, float* y,
                       std::int64_t phase_size);
+
+  /// Output rows of a FilterTile, by filters - 1, if it has more than one tap row; else it has one.
+  std::int64_t filter_rows[4];
+  /// Adds the sum of the products to the sums: in the order of channels, tap columns, tap rows. Tap rows: 3,
+  /// 5 or 7, or 1 and one tap column; 1 to 4 filters.
+  void (*add_filters)(const FilterTile& tile);
 };
 
 /// A multiple of all levels' vector widths: rows that routines may read beyond their end are padded to it.

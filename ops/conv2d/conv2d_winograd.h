@@ -58,7 +58,17 @@ class Conv2dWinogradBase {
                                  const Conv2dFusion& fusion) noexcept;
 
  private:
-  struct Strip;
+  /// Tiles that are transformed together.
+  struct Strip {
+    std::int64_t image;
+    std::int64_t first_line, last_line;
+    std::int64_t first_tile;  // in each of them
+    std::int64_t line_tiles;
+    std::int64_t panels;                          // of tiles
+    std::int64_t panel_stride, frequency_stride;  // of V: [frequency][panel][channel][column]
+
+    [[nodiscard]] std::int64_t tiles() const noexcept { return (last_line - first_line) * line_tiles; }
+  };
   /// Adjacent tiles of one line and one panel, and the filters of a task.
   struct Run {
     std::int64_t image;
@@ -66,13 +76,17 @@ class Conv2dWinogradBase {
     std::int64_t first, last;                // in the line
     std::int64_t first_filter, last_filter;  // rows of the packed weights
   };
+  void divide_tiles() noexcept;
+  void choose_order() noexcept;
   [[nodiscard]] std::int64_t strips() const noexcept;
   [[nodiscard]] Strip strip(std::int64_t index) const noexcept;
   [[nodiscard]] std::int64_t tasks_of(std::int64_t tile_panels) const noexcept;
   [[nodiscard]] std::int64_t v_size() const noexcept;
-  /// Floats of a filter's products with a panel of tiles.
-  [[nodiscard]] std::int64_t product_row() const noexcept { return frequencies_ * multiplier_.columns; }
   [[nodiscard]] std::int64_t products_size() const noexcept;
+  /// Floats that threads share.
+  [[nodiscard]] std::int64_t shared_size() const noexcept {
+    return v_size() + (few_tiles_ ? products_size() : 0);
+  }
   [[nodiscard]] std::int64_t work_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
@@ -82,6 +96,14 @@ class Conv2dWinogradBase {
                           float* memory) const;
   void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
                 float* memory) const;
+  void run_few_tiles(const Strip& strip, const Conv2dArrays& arrays, const float* v, float* products,
+                     float* memory, std::int64_t slots) const;
+  void multiply_frequency(const Strip& strip, std::int64_t frequency, std::int64_t first_panel,
+                          std::int64_t last_panel, const std::byte* packed, const float* v, float* products,
+                          float* memory) const;
+  void transform_panel(const Strip& strip, std::int64_t panel, std::int64_t first_filter,
+                       std::int64_t last_filter, const float* products, const Conv2dArrays& arrays,
+                       float* sums) const;
   void transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                          float* sums) const;
   void join_phases(const float* phases, std::int64_t count, float* columns) const;
@@ -104,6 +126,9 @@ class Conv2dWinogradBase {
   std::int64_t lanes_;         // channels of a word
   std::int64_t words_;         // of a tile's frequency
   std::int64_t block_depth_;   // words of float32 summed before they are added to the sum
+  bool few_tiles_;             // filters are lanes of products, and all products are kept
+  std::int64_t columns_;       // of a panel of tiles
+  std::int64_t panel_rows_;    // filters of a panel of weights
   std::int64_t part_depth_;    // words that are multiplied with all rows before the next; whole blocks
   std::int64_t lines_;         // of tiles in an image
   std::int64_t line_tiles_;    // of a line, or of its segment
@@ -115,6 +140,9 @@ class Conv2dWinogradBase {
   std::int64_t panels_;        // of weights
   std::int64_t task_panels_;   // of weights, in a task
   std::int64_t task_columns_;  // panels of tiles in a task
+  // Floats of products: from frequency to frequency of a filter, and of a filter with the tiles of a panel
+  // or, if they are few, with all.
+  std::int64_t product_stride_, product_row_;
 };
 
 /// Tile: 2, 4 or 6.

@@ -25,7 +25,7 @@ void prefetch_rows(const WinogradOutput& out, std::int64_t plane) {
 void Conv2dWinogradBase::transform_filters(const Run& run, const float* products, const Conv2dArrays& arrays,
                                            float* sums) const {
   WinogradOutput out{};
-  out.frequency_stride = multiplier_.columns;
+  out.frequency_stride = product_stride_;
   out.tiles = run.last - run.first;
   out.interleave = g_.dilation_x == 1;
   out.rows = std::min<std::int64_t>(tile_, (g_.oheight - run.row - 1) / g_.dilation_y + 1);
@@ -41,7 +41,7 @@ void Conv2dWinogradBase::transform_filters(const Run& run, const float* products
     out.columns = std::min(out.tiles * tile_, g_.owidth - run.first * tile_);
   }
   for (std::int64_t row = run.first_filter; row < run.last_filter; ++row) {
-    out.m = products + (row - run.first_filter) * product_row();
+    out.m = products + (row - run.first_filter) * product_row_;
     out.bias = arrays.bias != nullptr ? arrays.bias[filter_of_row(g_, gated_, 0, row)] : 0.0F;
     out.y = gated_ && row % 2 == 1 ? sums + gate : sums;
     if (finishes_rows_) {

@@ -1,4 +1,4 @@
-// The inner loops of Winograd convolutions.
+// The transforms of Winograd convolutions.
 //
 // Transforms: lanes = adjacent tiles of a line. Input: the vertical transform runs along whole image rows,
 // where neighbouring tiles share their columns; its rows are split into the phases of the columns (column
@@ -8,10 +8,6 @@
 // With points 0, ±p_1 .. ±p_N, ∞ the rows of Bᵀ are products of the factors L_k = x² - p_k² and x² ± p_k·x:
 // an even and an odd half, each from nested L_k, shared by a pair. All coefficients are p and p², so a term
 // meets N roundings at most. Of Aᵀ, a pair's sum gives the even rows, its difference the odd ones.
-//
-// Product: kRows rows (output channels) by kVectors vectors of tiles. What is rounded here, the output
-// transform multiplies, so sums are short: a block's accumulators and the sums of blocks both stay in
-// registers where there are 32; where there are 16, the sums of blocks are on the stack.
 
 #include <utility>
 
@@ -208,6 +204,7 @@ SLIDE_INLINE void transform_columns(const Float* square, const Float* point, con
         Float lanes[P::kLanes];
         for (int channel = 0; channel < P::kLanes; ++channel) lanes[channel] = d[channel][f];
         const Float words = as_float(P::word(0, 0, lanes));
+        __builtin_prefetch(to + in.columns, 1);  // the next word's place
         if (room >= kWidth)
           simd::store(to, words);
         else
@@ -326,100 +323,9 @@ void output(const WinogradPoints& points, const WinogradOutput& run) {
   }
 }
 
-// Accumulators, those of a block of float32 too, the vectors of b and a broadcast fit into the registers.
-#if defined(__AVX512F__) || defined(__aarch64__)
-template <typename P>
-constexpr int kRows = P::kLanes == 1 ? 4 : 8;
-constexpr int kVectors = 3;
-#elif defined(__FMA__)
-template <typename P>
-constexpr int kRows = 6;
-constexpr int kVectors = 2;
-#else
-template <typename P>
-constexpr int kRows = 4;
-constexpr int kVectors = 2;
-#endif
-constexpr std::int64_t kColumns = kVectors * kWidth;
-
-constexpr int kNear = 3, kFar = 2;  // of __builtin_prefetch: first-level cache, second-level cache
-
-// Loops over accumulators are unrolled whole: an array that is indexed by a variable lies in memory.
-#define SLIDE_UNROLLED _Pragma("GCC unroll 24")
-
-/// R = rows of adjacent panels of weights by V vectors, of the words first .. last - 1.
-template <typename P, int R, int V>
-SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, std::int64_t last,
-                                 Float (&sums)[R][V]) {
-  for (std::int64_t k = first; k < last; ++k) {
-    const float* a = p.a + k * kRows<P>;
-    const float* b = p.b + k * kColumns;
-    for (int m = 0; m < R; m += kRows<P>) __builtin_prefetch(a + (p.depth * (R + m)), 0, kNear);
-    __builtin_prefetch(p.next_b + k * kCacheLine, 0, kFar);
-    Bits right[V];
-    for (int v = 0; v < V; ++v) right[v] = load_words(b + v * kWidth);
-    SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
-      const Bits left = broadcast_word(a + m / kRows<P> * kRows<P> * p.depth + m % kRows<P>);
-      for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
-    }
-  }
-}
-
-template <typename P, int R, int V>
-void multiply_panel(const WinogradProduct& p) {
-  Float sums[R][V];
-  SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
-      p.add ? simd::load(p.c + m * p.c_stride + v * kWidth) : simd::zero();
-  if constexpr (P::kLanes > 1) {
-    multiply_block<P, R, V>(p, 0, p.depth, sums);
-  } else {
-    for (std::int64_t k = 0; k < p.depth; k += p.block) {
-      Float block[R][V];
-      SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) block[m][v] = simd::zero();
-      multiply_block<P, R, V>(p, k, k + p.block < p.depth ? k + p.block : p.depth, block);
-      SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
-          sums[m][v] + block[m][v];
-    }
-  }
-  SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v)
-      simd::store(p.c + m * p.c_stride + v * kWidth, sums[m][v]);
-}
-
-/// What is left of a panel of R rows at most.
-template <typename P, int R, int V>
-void multiply_rest(const WinogradProduct& p) {
-  if constexpr (R > 2)
-    if (p.row_count <= R - 2) return multiply_rest<P, R - 2, V>(p);
-  multiply_panel<P, R, V>(p);
-}
-
-template <typename P, int V>
-void multiply_panels(WinogradProduct p) {
-  const auto advance = [&p](std::int64_t panels) {
-    p.a += panels * p.depth * kRows<P>;
-    p.c += panels * kRows<P> * p.c_stride;
-    p.next_b += panels * p.depth * kCacheLine;
-    p.row_count -= panels * kRows<P>;
-  };
-  // Of one vector of columns, more rows at once: sums enough to hide how long an addition takes.
-  constexpr int kNarrowPanels = (P::kLanes == 1 ? 12 : 16) / kRows<P>;
-  if constexpr (V == 1)
-    for (; p.row_count >= kNarrowPanels * kRows<P>; advance(kNarrowPanels))
-      multiply_panel<P, kNarrowPanels * kRows<P>, V>(p);
-  for (; p.row_count >= kRows<P>; advance(1)) multiply_panel<P, kRows<P>, V>(p);
-  if (p.row_count > 0) multiply_rest<P, kRows<P>, V>(p);
-}
-
-template <typename P>
-void multiply(const WinogradProduct& p) {
-  if constexpr (kVectors > 2)
-    if (p.column_count > 2 * kWidth) return multiply_panels<P, kVectors>(p);
-  if (p.column_count > kWidth) return multiply_panels<P, 2>(p);
-  multiply_panels<P, 1>(p);
-}
-
 }  // namespace
 
+extern const WinogradMultiplier winograd_multipliers[2];
 extern const WinogradRoutines winograd_routines;
 const WinogradRoutines winograd_routines {
   Isa::SLIDE_ISA_ENUM,
@@ -428,8 +334,8 @@ const WinogradRoutines winograd_routines {
 #else
       false,
 #endif
-      {{kRows<Fp32>, kColumns, multiply<Fp32>}, {kRows<Bf16>, kColumns, multiply<Bf16>}},
-      {{input<2, Fp32>, nullptr}, output<2>}, {{input<4, Fp32>, input<4, Bf16>}, output<4>}, {
+      winograd_multipliers, {{input<2, Fp32>, nullptr}, output<2>},
+      {{input<4, Fp32>, input<4, Bf16>}, output<4>}, {
     {input<6, Fp32>, nullptr}, output<6>
   }
 };

@@ -78,11 +78,30 @@ struct WinogradProduct {
   const float* next_b;  ///< for each panel of a, depth cache lines that are wanted in the second-level cache
 };
 
-/// The product of one kind of words.
+/// The same sums, in the same order, for one panel of `filters` rows and all columns: c[m, j] is the sum over
+/// k < depth of a[k][m] · b[j / columns][k][j % columns], for all m < row_count and j < tiles rounded up to a
+/// multiple of the vector width.
+struct WinogradFilterProduct {
+  const float* a;  ///< one panel of words; what follows it is fetched into the second-level cache
+  const float* b;  ///< panels of an even number of columns
+  std::int64_t columns, panel_stride;
+  std::int64_t depth, block;  ///< words
+  std::int64_t tiles;
+  float* sums;  ///< memory for [j][m], for j < tiles rounded up to kRowAlignment
+  float* c;     ///< rows c_stride apart
+  std::int64_t c_stride;
+  std::int64_t row_count;
+};
+
+/// The products of one kind of words.
 struct WinogradMultiplier {
   std::int64_t rows;     ///< of a panel of the left matrix; even
-  std::int64_t columns;  ///< of a panel of the right matrix
+  std::int64_t columns;  ///< of a panel of the right matrix; even
   void (*multiply)(const WinogradProduct& product);
+  std::int64_t filters;     ///< of a panel of the left matrix with filters as lanes
+  std::int64_t tiles;       ///< that are then multiplied together; even
+  std::int64_t most_tiles;  ///< for which that is faster
+  void (*multiply_filters)(const WinogradFilterProduct& product);
 };
 
 /// The inner loops of the Winograd convolutions, compiled once per instruction-set level.
@@ -90,7 +109,7 @@ struct WinogradRoutines {
   Isa isa;
   bool fused;  ///< multiply and add round once
 
-  WinogradMultiplier multipliers[2];  ///< by Precision: float32, bfloat16
+  const WinogradMultiplier* multipliers;  ///< by Precision: float32, bfloat16
 
   WinogradTransforms two, four, six;  ///< tiles of m = 2, 4, 6
 };

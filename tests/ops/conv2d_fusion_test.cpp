@@ -83,6 +83,12 @@ TEST_CASE("a fused convolution is the composition of its parts, and its kernels 
       Pair({1, 24, 14, 12}, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 2, 1, 24),
            {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kRelu6)})
           .check();
+      Pair(x, {4, 24, 3, 3}, same,
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kTanh)})
+          .check();
+      Pair(x, {1, 24, 1, 1}, {},
+           {.relu_input = relu, .residual = residual, .activation = unary(ops::UnaryKind::kRelu)})
+          .check();
       Pair(x, {40, 24, 3, 3}, ops::Conv2dParams::same(3, 2),
            {.relu_input = relu, .residual = residual, .gate = true})
           .check();
@@ -107,6 +113,8 @@ TEST_CASE("a residual may come behind the activation") {
     Pair(x, {20, 24, 3, 3}, ops::Conv2dParams::same(3, 2), fusion).check();
     Pair(x, {20, 24, 1, 1}, {}, fusion).check();
     Pair(x, {24, 1, 3, 3}, ops::Conv2dParams::same(3, 1, 1, 24), fusion).check();
+    Pair(x, {1, 24, 3, 3}, ops::Conv2dParams::same(3), fusion).check();
+    Pair(x, {3, 24, 1, 1}, {}, fusion).check();
   }
 }
 

@@ -106,6 +106,29 @@ const std::vector<Case>& cases() {
        ops::Conv2dParams::same(3, 2, 1, 2)},
       {"1x1 of many filters with stride", {1, 40, 15, 33}, {40, 40, 1, 1}, {{2, 2}, {0, 0, 0, 0}, {1, 1}, 1}},
       {"1x1 of one filter, whole vectors", {1, 33, 16, 36}, {1, 33, 1, 1}, {}},
+      {"1x1 of one filter, several bands", {2, 19, 41, 47}, {1, 19, 1, 1}, {}},
+      {"1x1 of two filters", {1, 7, 13, 80}, {2, 7, 1, 1}, {}},
+      {"1x1 of three filters, several bands", {1, 6, 50, 83}, {3, 6, 1, 1}, {}},
+      {"1x1 of four filters of one pixel", {2, 17, 1, 1}, {4, 17, 1, 1}, {}},
+      {"one filter, narrower than a vector", {1, 9, 21, 3}, {1, 9, 3, 3}, ops::Conv2dParams::same(3)},
+      {"one filter on one row", {1, 3, 1, 40}, {1, 3, 3, 5}, {{1, 1}, {1, 2, 1, 2}, {1, 1}, 1}},
+      {"one filter of very many channels", {1, 300, 6, 19}, {1, 300, 3, 3}, ops::Conv2dParams::same(3)},
+      {"one filter 5x5", {2, 5, 19, 37}, {1, 5, 5, 5}, ops::Conv2dParams::same(5)},
+      {"one filter 7x7", {1, 3, 11, 70}, {1, 3, 7, 7}, ops::Conv2dParams::same(7)},
+      {"one filter 7x1", {1, 3, 23, 18}, {1, 3, 7, 1}, {{1, 1}, {3, 0, 3, 0}, {1, 1}, 1}},
+      {"one filter, valid", {1, 4, 12, 37}, {1, 4, 3, 3}, {}},
+      {"one filter, more padding than it reaches",
+       {1, 2, 5, 6},
+       {1, 2, 3, 3},
+       {{1, 1}, {9, 17, 6, 20}, {1, 1}, 1}},
+      {"one filter dilated", {1, 4, 25, 39}, {1, 4, 3, 3}, ops::Conv2dParams::same(3, 1, 3)},
+      {"one filter dilated beyond the input", {1, 3, 6, 7}, {1, 3, 3, 3}, ops::Conv2dParams::same(3, 1, 8)},
+      {"two filters", {1, 11, 17, 50}, {2, 11, 3, 3}, ops::Conv2dParams::same(3)},
+      {"two filters 7x3, dilated", {2, 4, 18, 33}, {2, 4, 7, 3}, {{1, 1}, {6, 1, 6, 1}, {2, 1}, 1}},
+      {"three filters 5x7", {1, 6, 14, 34}, {3, 6, 5, 7}, {{1, 1}, {2, 3, 2, 3}, {1, 1}, 1}},
+      {"four filters", {2, 24, 13, 61}, {4, 24, 3, 3}, ops::Conv2dParams::same(3)},
+      {"four filters 7x7", {1, 8, 9, 40}, {4, 8, 7, 7}, ops::Conv2dParams::same(7)},
+      {"two filters 4x4", {1, 5, 12, 30}, {2, 5, 4, 4}, {}},
   };
   return all;
 }
@@ -220,6 +243,24 @@ TEST_CASE("every kernel of the convolution keeps its bound on every shape") {
       const auto levels = static_cast<int>(available_isas().size());
       CHECK(check_kernels(call) >= levels * (c.weight[1] == 1 ? 2 : 1));
     }
+}
+
+TEST_CASE("a single filter, which waits for its input, is computed in float32 at any precision") {
+  const auto precisions = [](const Shape& weight) {
+    const Call call =
+        conv({random_tensor({1, 16, 8, 40}, 1), random_tensor(weight, 2)}, ops::Conv2dParams::same(3));
+    int lower = 0;
+    bool few = false;
+    for (const Kernel* kernel : call.op->kernels()) {
+      if (!kernel->supports(*call.op, call.input_shapes(), call.shape)) continue;
+      lower += kernel->precision() != Precision::kFp32 ? 1 : 0;
+      few = few || kernel->name() == "conv2d.few_filters";
+    }
+    return std::pair(few, lower > 0);
+  };
+  CHECK(precisions({1, 16, 3, 3}) == std::pair(true, false));
+  CHECK(precisions({4, 16, 3, 3}) == std::pair(true, true));
+  CHECK(precisions({5, 16, 3, 3}) == std::pair(false, true));
 }
 
 TEST_CASE("the bound holds where sums cancel") {

@@ -148,6 +148,46 @@ TEST_CASE("Winograd convolutions keep their bound where threads share a strip, h
   CHECK(check_winograd(conv({1, 256, 10, 14}, 100, ops::Conv2dParams::same(3))) > 0);
 }
 
+TEST_CASE("Winograd convolutions of few tiles keep their bound, whatever tiles and channels are left over") {
+  const auto relu6 = std::make_shared<const ops::UnaryOp>(ops::UnaryKind::kRelu6);
+  for (const std::int64_t channels : {1L, 77L, 300L})
+    for (const std::int64_t filters : {31L, 64L}) {
+      INFO(channels, " ", filters);
+      CHECK(check_winograd(conv({1, channels, 3, 10}, filters, ops::Conv2dParams::same(3))) > 0);
+      CHECK(check_winograd(conv({1, channels, 13, 11}, filters, ops::Conv2dParams::same(3, 1, 2))) > 0);
+    }
+  CHECK(check_winograd(conv({2, 21, 22, 19}, 60, ops::Conv2dParams::same(3))) > 0);  // 110 tiles of F(2)
+  CHECK(check_winograd(conv({1, 10, 40, 39}, 32, ops::Conv2dParams::same(3))) > 0);  // 100 of F(4)
+  CHECK(check_winograd(conv({1, 10, 20, 20}, 32, ops::Conv2dParams::same(3, 1, 4))) > 0);
+  CHECK(check_winograd(conv({1, 10, 20, 17}, 64, ops::Conv2dParams::same(3, 1, 8), {.gate = true})) > 0);
+  CHECK(check_winograd(
+            conv({1, 19, 14, 9}, 62, ops::Conv2dParams::same(3),
+                 {.relu_input = true, .residual = true, .residual_last = true, .activation = relu6})) > 0);
+}
+
+TEST_CASE("a filter's result is the same in a product with filters as lanes and in one with tiles as lanes") {
+  // 64 filters fill panels of lanes, 33 do not.
+  const Call many = conv({1, 300, 9, 12}, 64, ops::Conv2dParams::same(3));
+  Call few = conv({1, 300, 9, 12}, 33, ops::Conv2dParams::same(3));
+  for (std::size_t k = 1; k < 3; ++k) {
+    const std::span<double> to = few.inputs[k].mutable_data<double>();
+    std::ranges::copy(many.inputs[k].data<double>().subspan(0, to.size()), to.begin());
+  }
+  const auto result = [](const Call& call, const Kernel& kernel) {
+    std::vector<Tensor> inputs;
+    for (const Tensor& t : call.inputs) inputs.push_back(t.to(DType::kF32));
+    return test::run_guarded(kernel, call, inputs);
+  };
+  const std::vector<Isa> levels = available_isas();
+  for (const Kernel* kernel : many.op->kernels()) {
+    if (std::find(levels.begin(), levels.end(), kernel->isa()) == levels.end()) continue;
+    if (!kernel->name().starts_with("conv2d.winograd")) continue;
+    INFO(std::string(kernel->name()), " ", std::string(name_of(kernel->isa())));
+    const std::vector<float> all = result(many, *kernel), some = result(few, *kernel);
+    CHECK(std::equal(some.begin(), some.end(), all.begin()));
+  }
+}
+
 TEST_CASE("Winograd convolutions fuse what a planner asks for") {
   const auto relu6 = std::make_shared<const ops::UnaryOp>(ops::UnaryKind::kRelu6);
   const auto elu = std::make_shared<const ops::UnaryOp>(ops::UnaryKind::kElu, 1.0);

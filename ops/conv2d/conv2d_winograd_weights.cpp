@@ -1,0 +1,109 @@
+// The weights of Winograd convolutions, transformed in float64 and packed once.
+
+#include <algorithm>
+#include <bit>
+
+#include "ops/conv2d/bf16_bits.h"
+#include "ops/conv2d/conv2d_winograd.h"
+#include "ops/conv2d/winograd_filters.h"
+#include "ops/conv2d/winograd_matrices.h"
+#include "ops/simd/dispatch.h"
+#include "runtime/threads.h"
+
+namespace slide::ops {
+
+#define SLIDE_DECLARE(level, enumerator)               \
+  namespace level {                                    \
+  extern const WinogradFilters winograd_filters_of[3]; \
+  }
+SLIDE_EACH_ISA(SLIDE_DECLARE)
+#undef SLIDE_DECLARE
+
+WinogradFilters winograd_filters_at(Isa isa, int pairs) {
+  const WinogradFilters* found = nullptr;
+#define SLIDE_FIND(level, enumerator) \
+  if (isa == (enumerator)) found = level::winograd_filters_of;
+  SLIDE_EACH_ISA(SLIDE_FIND)
+#undef SLIDE_FIND
+  return (found != nullptr ? found : baseline::winograd_filters_of)[pairs - 1];
+}
+
+namespace {
+
+constexpr std::int64_t kPackedWords = 16;  // transformed together: their taps in the first-level cache
+
+WinogradFilterMatrix filter_matrix(int tile) {
+  const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile));
+  WinogradFilterMatrix g{tile / 2, matrices.g[0][0], {}, {}, {}};
+  for (int k = 0; k < g.pairs; ++k) {
+    const std::vector<double>& row = matrices.g[2 * static_cast<std::size_t>(k) + 1];
+    g.one[k] = row[0];
+    g.first[k] = row[1];
+    g.square[k] = row[2];
+  }
+  return g;
+}
+
+/// Words of two bfloat16: the first channel's numbers, then the second's.
+void join_words(const float* channels, std::int64_t count, float* words) {
+  for (std::int64_t i = 0; i < count; ++i)
+    words[i] = std::bit_cast<float>(bf16_bits(channels[i]) | bf16_bits(channels[count + i]) << 16U);
+}
+
+}  // namespace
+
+std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
+  return static_cast<std::size_t>(frequencies_ * panels_ * words_ * panel_rows_) * sizeof(float);
+}
+
+/// U as [frequency][part of the words][panel][word][row], zeros below the last filter.
+void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
+  const std::int64_t rows = panel_rows_;
+  const WinogradFilterMatrix g = filter_matrix(tile_);
+  const WinogradFilters transform = winograd_filters_at(routines_.isa, tile_ / 2);
+  auto* to = static_cast<float*>(static_cast<void*>(packed));
+  parallel_for(panels_, [&](std::int64_t panel) {
+    std::vector<double> taps(static_cast<std::size_t>(9 * kPackedWords * lanes_ * rows));
+    // Frequencies may lie at a distance of powers of two: whole lines, written once, stay out of each other's
+    // way.
+    std::vector<float> u(static_cast<std::size_t>(frequencies_ * kPackedWords * lanes_ * rows));
+    for (std::int64_t k = 0; k < words_;) {
+      const std::int64_t part = k / part_depth_ * part_depth_;
+      const std::int64_t depth = std::min(part_depth_, words_ - part);
+      const std::int64_t words = std::min(kPackedWords, part + depth - k);
+      const std::int64_t count = words * lanes_ * rows;
+      list_taps(weight, panel * rows, k * lanes_, words * lanes_, taps);
+      float* first = to + (part * panels_ + panel * depth + k - part) * rows;
+      transform(g, taps.data(), count, u.data(), count);
+      for (std::int64_t f = 0; f < frequencies_; ++f) {
+        const float* from = u.data() + f * count;
+        float* line = first + f * words_ * panels_ * rows;
+        if (lanes_ == 1)
+          std::copy_n(from, count, line);
+        else
+          for (std::int64_t w = 0; w < words; ++w) join_words(from + 2 * w * rows, rows, line + w * rows);
+      }
+      k += words;
+    }
+  });
+}
+
+/// Tap t of channel first_channel + n and row first_row + m is taps[(t·channels + n)·rows + m], zero where
+/// there is no such filter or channel.
+void Conv2dWinogradBase::list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
+                                   std::int64_t channels, std::vector<double>& taps) const {
+  const std::int64_t rows = panel_rows_;
+  for (std::int64_t m = 0; m < rows; ++m) {
+    const bool filter_inside = first_row + m < g_.oc;
+    const std::int64_t filter = filter_inside ? filter_of_row(g_, gated_, 0, first_row + m) : 0;
+    const float* from = weight + (filter * g_.ic + first_channel) * 9;
+    for (std::int64_t n = 0; n < channels; ++n) {
+      const bool inside = filter_inside && first_channel + n < g_.ic;
+      for (std::int64_t tap = 0; tap < 9; ++tap)
+        taps[static_cast<std::size_t>((tap * channels + n) * rows + m)] =
+            inside ? static_cast<double>(from[n * 9 + tap]) : 0.0;
+    }
+  }
+}
+
+}  // namespace slide::ops
