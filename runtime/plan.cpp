@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numeric>
 #include <optional>
 #include <utility>
 
@@ -103,31 +104,41 @@ bool not_calibrated(const Graph& graph, int i, const PlanOptions& options) {
 
 using Kernels = std::vector<const Kernel*>;  // by node; null for those that are not computed at a run
 
-/// Of the nodes marked `low` those with the largest calibrated errors, so that the others' together are
-/// within `limit`; and those that have none.
-std::vector<bool> too_inexact(const Graph& graph, const Kernels& kernels, const std::vector<bool>& low,
-                              double limit, const PlanOptions& options) {
-  std::vector<bool> marked(low.size(), false);
-  std::vector<std::pair<double, std::size_t>> squares;
-  double sum = 0;
-  for (std::size_t i = 0; i < low.size(); ++i) {
-    if (!low[i]) continue;
-    const std::optional<double> error = calibrated_error(graph, static_cast<int>(i), *kernels[i], options);
-    marked[i] = !error;
-    if (marked[i]) continue;
-    squares.emplace_back(*error * *error, i);
-    sum += *error * *error;
+/// What a node is computed with where its calibrated error, whose square is given, is too large: the next
+/// precision that makes less than half of the square of it.
+const Kernel* raised(const Graph& graph, const Plan& plan, const PlanOptions& options, int i, double square) {
+  const Node& node = graph.node(i);
+  const auto kernel_of = [&](Precision precision) {
+    return &choose_kernel(node, input_shapes(graph, node), plan.isa, precision, options.only_precision);
+  };
+  const Kernel* kernel = options.precision > Precision::kBf16 ? kernel_of(Precision::kBf16) : nullptr;
+  if (kernel != nullptr) {
+    const double error = calibrated_error(graph, i, *kernel, options).value_or(0);
+    if (2 * error * error < square) return kernel;
   }
-  std::sort(squares.rbegin(), squares.rend());
-  for (const auto& [square, i] : squares) {
-    if (sum <= limit * limit) break;
-    marked[i] = true;
-    sum -= square;
-  }
-  return marked;
+  return kernel_of(Precision::kFp32);
 }
 
-/// Without a budget.
+/// Raises the precision of the nodes with the largest calibrated errors until all together are within
+/// `limit`.
+void raise_within(const Graph& graph, const Plan& plan, const PlanOptions& options, double limit,
+                  Kernels& kernels) {
+  std::vector<double> squares(kernels.size(), 0);
+  const auto find_square = [&](std::size_t i) {
+    const double error = calibrated_error(graph, static_cast<int>(i), *kernels[i], options).value_or(0);
+    squares[i] = error * error;
+  };
+  for (std::size_t i = 0; i < kernels.size(); ++i)
+    if (kernels[i] != nullptr) find_square(i);
+  while (std::accumulate(squares.begin(), squares.end(), 0.0) > limit * limit) {
+    const auto worst = static_cast<std::size_t>(std::ranges::max_element(squares) - squares.begin());
+    kernels[worst] = raised(graph, plan, options, static_cast<int>(worst), squares[worst]);
+    find_square(worst);
+  }
+}
+
+/// Without a budget. What a calibration does not know is computed in float32; without a calibration the ends
+/// of a network of 8-bit integers are.
 Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& options) {
   Kernels kernels(graph.nodes().size(), nullptr);
   std::vector<bool> low(kernels.size(), false);
@@ -137,17 +148,18 @@ Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& opti
   };
   for (std::size_t i = 0; i < kernels.size(); ++i) {
     if (!is_step(graph, plan, static_cast<int>(i))) continue;
-    choose(i, options.precision);
+    const bool unknown = not_calibrated(graph, static_cast<int>(i), options);
+    choose(i, unknown ? Precision::kFp32 : options.precision);
     low[i] = kernels[i]->precision() != Precision::kFp32;
   }
-  std::vector<bool> kept(kernels.size(), false);
-  if (options.calibration != nullptr)
-    kept = too_inexact(graph, kernels, low, options.precision == Precision::kInt8 ? kInt8Error : kBf16Error,
-                       options);
-  else if (options.precision == Precision::kInt8)
-    kept = network_ends(graph, low);
-  for (std::size_t i = 0; i < kernels.size(); ++i)
-    if (kept[i]) choose(i, Precision::kFp32);
+  const bool int8 = options.precision == Precision::kInt8;
+  if (options.calibration != nullptr) {
+    raise_within(graph, plan, options, int8 ? kInt8Error : kBf16Error, kernels);
+  } else if (int8) {
+    const std::vector<bool> ends = network_ends(graph, low);
+    for (std::size_t i = 0; i < kernels.size(); ++i)
+      if (ends[i]) choose(i, Precision::kFp32);
+  }
   return kernels;
 }
 

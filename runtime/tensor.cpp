@@ -76,30 +76,43 @@ float to_float_round_odd(double value) {
 
 constexpr std::size_t kHugePage = std::size_t{2} << 20;
 
+std::shared_ptr<void> from_heap(std::size_t size) {
+  return {std::aligned_alloc(Tensor::kAlignment, size), [](void* p) { std::free(p); }};
+}
+
 /// Of kAlignment at least; null if there is none. A large block asks for huge pages: planes lie further apart
 /// than a page, so that a kernel that walks through the channels would wait for address translations, and
-/// each small page would be faulted in by itself.
-void* allocate(std::size_t size) {
-  if (size < 2 * kHugePage) return std::aligned_alloc(Tensor::kAlignment, size);
-  if (size > std::numeric_limits<std::size_t>::max() - kHugePage) return nullptr;
-  size = (size + kHugePage - 1) / kHugePage * kHugePage;
-  void* memory = std::aligned_alloc(kHugePage, size);
+/// each small page would be faulted in by itself. It is mapped, not taken from the heap, which would keep
+/// what it was once given back.
+std::shared_ptr<void> allocate(std::size_t size) {
 #if defined(__linux__)
-  if (memory != nullptr) (void)::madvise(memory, size, MADV_HUGEPAGE);  // a wish
+  if (size < 2 * kHugePage) return from_heap(size);
+  if (size > std::numeric_limits<std::size_t>::max() - 2 * kHugePage) return nullptr;
+  size = (size + kHugePage - 1) / kHugePage * kHugePage;
+  void* mapped =
+      ::mmap(nullptr, size + kHugePage, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  if (mapped == MAP_FAILED) return nullptr;
+  auto* start = static_cast<std::byte*>(mapped);
+  const std::size_t before = -reinterpret_cast<std::uintptr_t>(start) % kHugePage;
+  if (before > 0) (void)::munmap(start, before);
+  (void)::munmap(start + before + size, kHugePage - before);
+  (void)::madvise(start + before, size, MADV_HUGEPAGE);  // a wish
+  return {start + before, [size](void* p) { (void)::munmap(p, size); }};
+#else
+  return from_heap(size);
 #endif
-  return memory;
 }
 
 }  // namespace
 
 Tensor::Tensor(DType type, const Shape& shape) : type_(type), shape_(shape), writable_(true) {
   const std::size_t size = aligned(std::max<std::size_t>(bytes(), 1));
-  void* memory = allocate(size);
+  std::shared_ptr<void> memory = allocate(size);
   if (memory == nullptr)
     throw Error(ErrorKind::kOutOfMemory,
                 "no memory for a tensor of shape " + shape.text() + ", " + std::to_string(size) + " bytes");
-  data_ = static_cast<std::byte*>(memory);
-  owner_ = std::shared_ptr<const void>(memory, [](const void* p) { std::free(const_cast<void*>(p)); });
+  data_ = static_cast<std::byte*>(memory.get());
+  owner_ = std::move(memory);
 }
 
 Tensor Tensor::view(DType type, const Shape& shape, void* data) {

@@ -144,6 +144,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
       g_(geometry),
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
+      upsampled_(fusion.upsample_input),
       finishes_rows_(finishes_rows(geometry, fusion, routines.isa)),
       non_temporal_(finishes_rows_ && fills_lines(geometry)),
       residual_last_(fusion.residual_last),
@@ -208,7 +209,7 @@ void Conv2dWinogradBase::choose_order() noexcept {
 
 bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
-                        g.groups == 1 && !fusion.upsample_input;
+                        g.groups == 1 && !(fusion.upsample_input && g.dilation_x != 1);
   if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
   const bool many_weights = g.ic * g.oc >= kManyWeights;
   const std::int64_t tiles = tiles_of(tile, g);
@@ -328,7 +329,7 @@ void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> sc
 /// With `slots` threads, each with its part of memory. Within a thread of run(), with this one.
 void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                                    std::int64_t slots) const {
-  const float* x = arrays.x + strip.image * g_.ic * g_.plane();
+  const float* x = arrays.x + strip.image * g_.ic * (upsampled_ ? g_.plane() / 4 : g_.plane());
   std::atomic<std::int64_t> next_word{0};
   parallel_for(slots, [&](std::int64_t slot) {
     for (std::int64_t k = next_word++; k < words_; k = next_word++)
@@ -356,6 +357,11 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   const std::int64_t first_column = std::clamp<std::int64_t>(start, 0, g_.width);
   in.count = std::min(in.used - in.left, g_.width - first_column);
   in.relu = relu_input_;
+  in.doubled = upsampled_;
+  in.odd = upsampled_ && first_column % 2 != 0;
+  const std::int64_t repeats = upsampled_ ? 2 : 1;  // of each pixel, in both directions
+  const std::int64_t width = g_.width / repeats, plane = width * (g_.height / repeats);
+  const std::int64_t columns = (in.count + (in.odd ? 1 : 0) + repeats - 1) / repeats;  // that are read
   in.dilation = g_.dilation_x;
   in.tiles = strip.line_tiles;
   in.buffer = memory + sizes.zeros + round_up(in.left, kRowAlignment) - in.left;  // stores are aligned
@@ -375,7 +381,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
         const std::int64_t row = top + u * g_.dilation_y;
         const bool inside = channel < g_.ic && row >= 0 && row < g_.height;
         rows[lane * (tile_ + 2) + u] =
-            inside ? x + channel * g_.plane() + row * g_.width + first_column : memory;
+            inside ? x + channel * plane + row / repeats * width + first_column / repeats : memory;
       }
     }
     in.first = (line - strip.first_line) * strip.line_tiles;
@@ -383,8 +389,8 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
       if ((word + 1) * lanes_ + lane < g_.ic)
         for (std::int64_t u = 2; u < tile_ + 2; ++u)
           if (const float* row = rows[lane * (tile_ + 2) + u]; row != memory)
-            for (std::int64_t j = 0; j < in.count; j += kCacheLine)
-              __builtin_prefetch(row + lanes_ * g_.plane() + j);
+            for (std::int64_t j = 0; j < columns; j += kCacheLine)
+              __builtin_prefetch(row + lanes_ * plane + j);
     transforms_.input[static_cast<int>(precision_)](points_, in);
   }
 }

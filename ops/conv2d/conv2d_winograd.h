@@ -115,7 +115,7 @@ class Conv2dWinogradBase {
   const WinogradTransforms& transforms_;
   Precision precision_;
   Conv2dGeometry g_;
-  bool gated_, relu_input_;
+  bool gated_, relu_input_, upsampled_;
   bool finishes_rows_;  // the output transform does, with residual and clamp
   bool non_temporal_;   // ... in stores that bypass the caches
   bool residual_last_;
@@ -154,7 +154,7 @@ class Conv2dWinograd : public Conv2dWinogradBase {
                  const Conv2dFusion& fusion = {})
       : Conv2dWinogradBase(Tile, kPrecision, routines, geometry, fusion) {}
 
-  /// 3x3, stride 1, one group, no upsampled input, and channels and tiles enough to be worth it.
+  /// 3x3, stride 1, one group, and channels and tiles enough to be worth it.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 
   /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.

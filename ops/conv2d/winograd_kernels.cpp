@@ -130,6 +130,27 @@ void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, 
         __builtin_memcpy(phases + p * size + group * dilation + j, row + j, kStep * sizeof(float));
 }
 
+/// The vertical transform of rows that hold each two columns once: it is the same for both. Of odd columns
+/// the first is written twice, once before `to`.
+template <int M>
+SLIDE_INLINE void transform_doubled_rows(const Float* square, const Float* point, const WinogradInput& in,
+                                         const float* const* rows, float* to) {
+  const std::int64_t first = in.odd ? -1 : 0;
+  for (std::int64_t j = first; j < in.count; j += 2 * kWidth) {
+    const std::int64_t rest = in.count - j;
+    Float d[M + 2];
+    for (int u = 0; u < M + 2; ++u) d[u] = simd::load_some(rows[u] + (j - first) / 2, (rest + 1) / 2);
+    if (in.relu)
+      for (Float& value : d) value = simd::max(simd::zero(), value);
+    transform_input<M>(square, point, d);
+    for (int u = 0; u < M + 2; ++u) {
+      simd::store_some(to + u * in.row_size + j, zip_low(d[u], d[u]), rest);
+      if (rest > kWidth)
+        simd::store_some(to + u * in.row_size + j + kWidth, zip_high(d[u], d[u]), rest - kWidth);
+    }
+  }
+}
+
 /// The vertical transform of a line of one channel.
 template <int M>
 SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in,
@@ -142,6 +163,7 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
   }
   const float* rows[M + 2];
   for (int u = 0; u < M + 2; ++u) rows[u] = in.rows[channel * (M + 2) + u];
+  if (in.doubled) return transform_doubled_rows<M>(square, point, in, rows, buffer + in.left);
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;
     const auto rest = static_cast<std::size_t>(in.count - j);

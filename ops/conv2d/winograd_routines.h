@@ -21,8 +21,10 @@ struct WinogradInput {
   std::int64_t count;        ///< then input columns
   std::int64_t used;         ///< then zeros, up to here
   bool relu;                 ///< x is max(x, 0)
-  std::int64_t dilation;     ///< horizontal
-  std::int64_t tiles;        ///< of the line
+  bool doubled;  ///< rows hold each two columns once; the first is the second of two if `odd`, not else
+  bool odd;
+  std::int64_t dilation;  ///< horizontal
+  std::int64_t tiles;     ///< of the line
   float* buffer;  ///< of each m + 2 rows of row_size, of which a vector's tiles beyond the last are read
   std::int64_t row_size;
   float* phases;  ///< of each (m + 2)·m rows of phase_size

@@ -131,6 +131,8 @@ TEST_CASE("a convolution of an upsampled image is computed from the small image"
           .activation = unary(ops::UnaryKind::kRelu)})
         .check();
   }
+  // Lines of tiles of Winograd that are cut into segments, which begin between two equal columns.
+  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.relu_input = true, .upsample_input = true}).check();
 }
 
 TEST_CASE("a residual must have the output's shape") {
