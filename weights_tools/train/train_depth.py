@@ -21,7 +21,7 @@ from depth_net import DepthNet
 
 # share of the schedule -> (probability, height, width, batch); larger crops late
 EARLY = [(.65, 192, 256, 8), (.15, 256, 192, 8), (.2, 256, 352, 4)]
-LATE = [(.45, 192, 256, 8), (.15, 256, 192, 8), (.4, 288, 384, 4)]
+LATE = [(.3, 192, 256, 8), (.1, 256, 192, 8), (.6, 288, 384, 4)]
 
 
 def normalise(y):
