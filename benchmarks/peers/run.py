@@ -23,6 +23,7 @@ EXTRA_PEERS = ('ort-fp32-nospin',)
 TURN = .2    # seconds of runs in one turn of a quick network
 GAP = .05    # seconds between turns, in which the threads of the peer before stop spinning
 OTHERS = .03  # share of the machine that other programs may take in a round
+LOADING, COPIES = 256 << 20, 4  # bytes that loading touches at most: a runtime's own, and of the weights
 TICK = 1 / os.sysconf('SC_CLK_TCK')
 
 
@@ -45,6 +46,23 @@ def others_share(seconds):
     time.sleep(seconds)
     used = busy() - start - (own_time('self') - own)
     return max(0, used) / (time.monotonic() - clock) / os.cpu_count()
+
+
+def touch_memory(wanted):
+    """So many bytes, if they are free. A virtual machine gets free memory from its host when it is touched, at milliseconds a megabyte, and gives it back after
+    two seconds: whoever loads a network next would be charged for it.
+
+    By a process of its own, whose size this one's children do not inherit as their highest."""
+    if os.fork() != 0:
+        os.wait()
+        return
+    with open('/proc/meminfo') as f:
+        free = next(int(line.split()[1]) << 10 for line in f if line.startswith('MemFree'))
+    with mmap.mmap(-1, max(min(wanted, free // 10 * 8), mmap.PAGESIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as memory:
+        memory.madvise(mmap.MADV_HUGEPAGE)
+        for at in range(0, len(memory), mmap.PAGESIZE):
+            memory[at] = 1
+    os._exit(0)
 
 
 class PeerFailed(Exception):
@@ -132,6 +150,7 @@ def start_peers(case, threads, options):
         if not suits(name, case):
             continue
         peer = None
+        touch_memory(LOADING + COPIES * os.path.getsize(f'{options.out}/{case.weight_name}.weights.safetensors'))
         try:
             peer = Peer(name, case, threads, options)
             first = peer.run()
@@ -289,28 +308,11 @@ def parse():
     return options
 
 
-def touch_free_memory():
-    """In a virtual machine, memory costs milliseconds a megabyte when it is touched for the first time since the start, whoever does: all of it now.
-
-    By a process of its own, whose size this one's children do not inherit as their highest."""
-    if os.fork() != 0:
-        os.wait()
-        return
-    with open('/proc/meminfo') as f:
-        free = next(int(line.split()[1]) << 10 for line in f if line.startswith('MemFree'))
-    with mmap.mmap(-1, max(free // 10 * 8, mmap.PAGESIZE), mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS) as memory:
-        memory.madvise(mmap.MADV_HUGEPAGE)
-        for at in range(0, len(memory), mmap.PAGESIZE):
-            memory[at] = 1
-    os._exit(0)
-
-
 def main():
     options = parse()
     if options.check:
         check(options)
         return
-    touch_free_memory()
     load = others_share(1)
     if load > OTHERS and not options.force:
         sys.exit(f'run.py: other programs use {100 * load:.0f} % of this machine; wait for them, or give --force')
