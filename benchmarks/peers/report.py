@@ -238,7 +238,7 @@ it is measured and how to repeat it.
   interpreter, therefore what it was before the model was loaded stands beside it.
 - **Errors** are those of the worst output against PyTorch in float64, relative to the output's largest magnitude and to its root mean square. The networks have
   made-up weights unless "trained" is said. Networks of random weights amplify rounding more than trained ones do: compare runtimes, not networks.
-- **Of the peak**: multiplications of the network's definition against what the machine does at most in that precision with as many threads. Winograd
+- **Of the peak**: multiplications of the network's definition (a 1×1 convolution counted before the enlargement that it reads) against what the machine does at most in that precision with as many threads. Winograd
   convolutions multiply less than the definition, so that more than 100 % is possible.
 '''
 
