@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <array>
 #include <utility>
 #include <vector>
 
@@ -124,9 +125,9 @@ void fuse_residual(Draft& draft, int i) {
   const std::vector<int> summands = draft.node(i).inputs;
   if (draft.node(summands[0]).shape != draft.node(summands[1]).shape) return;
   const auto [first, last] = std::minmax({summands[0], summands[1]});
-  std::vector<std::pair<int, int>> candidates{{last, first}, {first, last}};
-  std::ranges::stable_partition(candidates,
-                                [&](const auto& pair) { return draft.as<ResizeOp>(pair.first) == nullptr; });
+  std::array<std::pair<int, int>, 2> candidates{{{last, first}, {first, last}}};
+  if (draft.as<ResizeOp>(last) != nullptr && draft.as<ResizeOp>(first) == nullptr)
+    std::swap(candidates[0], candidates[1]);
   for (const auto& [before, other] : candidates) {
     if (!takes_residual(draft, before)) continue;
     std::vector<int> inputs = draft.node(before).inputs;
