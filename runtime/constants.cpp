@@ -46,8 +46,9 @@ class Evaluation {
     const std::int64_t step = std::max<std::int64_t>(1, kSlab / row);
     for (std::int64_t begin = 0; begin < node.shape[0]; begin += step) {
       const std::int64_t end = std::min(begin + step, node.shape[0]);
-      const Tensor slab = rows(i, begin, end).to(DType::kF32);
-      std::ranges::copy(slab.data<float>(), result.mutable_data<float>().data() + begin * row);
+      const Tensor slab = rows(i, begin, end);
+      std::ranges::transform(slab.data<double>(), result.mutable_data<float>().data() + begin * row,
+                             [](double x) { return static_cast<float>(x); });
     }
     return result;
   }

@@ -234,7 +234,7 @@ it is measured and how to repeat it.
 
 - **Time**: the median over rounds. In a round every runtime runs once, in turn, while the others wait; rounds in which other programs took more than
   3 % of the machine do not count.
-- **Load**: from the model's file to a session, plan or module that is ready to run. **Memory**: the highest resident size of the process; a peer's holds its
+- **Load**: from the model's file to a session, plan or module that is ready to run (SLIDE, ONNX Runtime: the median of four processes). **Memory**: the highest resident size of the process; a peer's holds its
   interpreter, therefore what it was before the model was loaded stands beside it.
 - **Errors** are those of the worst output against PyTorch in float64, relative to the output's largest magnitude and to its root mean square. The networks have
   made-up weights unless "trained" is said. Networks of random weights amplify rounding more than trained ones do: compare runtimes, not networks.

@@ -24,6 +24,7 @@ TURN = .2    # seconds of runs in one turn of a quick network
 GAP = .05    # seconds between turns, in which the threads of the peer before stop spinning
 OTHERS = .03  # share of the machine that other programs may take in a round
 LOADING, COPIES = 256 << 20, 4  # bytes that loading touches at most: a runtime's own, and of the weights
+LOADS = 4  # times that SLIDE and ONNX Runtime load a network, whose loading is compared; the others once
 TICK = 1 / os.sysconf('SC_CLK_TCK')
 
 
@@ -143,16 +144,36 @@ def errors(peer, case, options):
     return {'max_error': worst[0], 'rms_error': worst[1]}
 
 
+def load(name, case, threads, options):
+    touch_memory(LOADING + COPIES * os.path.getsize(f'{options.out}/{case.weight_name}.weights.safetensors'))
+    return Peer(name, case, threads, options)
+
+
+def loading_times(case, threads, options):
+    """Milliseconds that loading takes those with which it is compared, by name: all but one of LOADS, in turns, a process each."""
+    times = {name: [] for name in options.peers if suits(name, case) and name.startswith(('slide', 'ort'))}
+    for _ in range(0 if options.quick else LOADS - 1):
+        for name, found in times.items():
+            try:
+                peer = load(name, case, threads, options)
+                found.append(peer.facts['load_ms'])
+                peer.stop()
+            except PeerFailed:
+                pass  # start_peers() says so
+    return times
+
+
 def start_peers(case, threads, options):
     """Each is started, warmed up and compared with float64 while the others wait -> peers, results of those that failed."""
-    peers, failed = [], []
+    peers, failed, times = [], [], loading_times(case, threads, options)
     for name in options.peers:
         if not suits(name, case):
             continue
         peer = None
-        touch_memory(LOADING + COPIES * os.path.getsize(f'{options.out}/{case.weight_name}.weights.safetensors'))
         try:
-            peer = Peer(name, case, threads, options)
+            peer = load(name, case, threads, options)
+            loads = [*times.get(name, []), peer.facts['load_ms']]
+            peer.facts |= {'load_ms': statistics.median(loads), 'loads_ms': loads}
             first = peer.run()
             peer.facts |= errors(peer, case, options)
             again = first if first > 5000 else min(peer.run(), peer.run())
@@ -193,7 +214,7 @@ def measure(case, threads, options):
             break
     results = []
     for peer in peers:
-        facts = peer.facts | peer.ask('facts')
+        facts = peer.ask('facts') | peer.facts | {'peak_kib': peer.ask('facts')['peak_kib']}
         ms = statistics.median(peer.rounds) if peer.rounds else None
         results.append({'name': peer.name, 'ms': ms, 'rounds': peer.rounds} | facts)
         peer.stop()
@@ -209,7 +230,7 @@ def show(result):
         elif p['ms'] is None:
             print(f'  {p["name"]:16} no undisturbed round')
         else:
-            print(f'  {p["name"]:16} {p["ms"]:9.1f} ms  load {p["load_ms"]:7.1f} ms  peak {p["peak_kib"] / 1024:7.1f} MiB (start {p["base_kib"] / 1024:5.1f})  '
+            print(f'  {p["name"]:16} {p["ms"]:9.1f} ms  load {p["load_ms"]:7.1f} ms of {len(p["loads_ms"])}  peak {p["peak_kib"] / 1024:7.1f} MiB (start {p["base_kib"] / 1024:5.1f})  '
                   f'max {p["max_error"]:.1e} rms {p["rms_error"]:.1e}')
     sys.stdout.flush()
 

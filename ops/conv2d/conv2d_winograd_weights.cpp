@@ -1,6 +1,7 @@
 // The weights of Winograd convolutions, transformed in float64 and packed once.
 
 #include <algorithm>
+#include <array>
 #include <bit>
 
 #include "ops/conv2d/bf16_bits.h"
@@ -30,6 +31,8 @@ WinogradFilters winograd_filters_at(Isa isa, int pairs) {
 
 namespace {
 
+constexpr std::int64_t kListedRows = 8;    // read together: filters often lie in the same lines of the cache
+constexpr std::int64_t kFetched = 16 * 9;  // numbers ahead: a filter's next words
 constexpr std::int64_t kPackedWords = 16;  // transformed together: their taps in the first-level cache
 
 WinogradFilterMatrix filter_matrix(int tile) {
@@ -93,15 +96,23 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
 void Conv2dWinogradBase::list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
                                    std::int64_t channels, std::vector<double>& taps) const {
   const std::int64_t rows = panel_rows_;
-  for (std::int64_t m = 0; m < rows; ++m) {
-    const bool filter_inside = first_row + m < g_.oc;
-    const std::int64_t filter = filter_inside ? filter_of_row(g_, gated_, 0, first_row + m) : 0;
-    const float* from = weight + (filter * g_.ic + first_channel) * 9;
-    for (std::int64_t n = 0; n < channels; ++n) {
-      const bool inside = filter_inside && first_channel + n < g_.ic;
-      for (std::int64_t tap = 0; tap < 9; ++tap)
-        taps[static_cast<std::size_t>((tap * channels + n) * rows + m)] =
-            inside ? static_cast<double>(from[n * 9 + tap]) : 0.0;
+  const std::int64_t used = std::clamp<std::int64_t>(g_.ic - first_channel, 0, channels);
+  if (used < channels || first_row + rows > g_.oc) std::ranges::fill(taps, 0.0);
+  const std::int64_t last_row = std::min(first_row + rows, g_.oc);
+  for (std::int64_t begin = first_row; begin < last_row; begin += kListedRows) {
+    std::array<const float*, kListedRows> filters{};
+    const std::int64_t count = std::min(kListedRows, last_row - begin);
+    for (std::int64_t m = 0; m < count; ++m)
+      filters[static_cast<std::size_t>(m)] =
+          weight + (filter_of_row(g_, gated_, 0, begin + m) * g_.ic + first_channel) * 9;
+    for (std::int64_t n = 0; n < used; ++n) {
+      for (std::int64_t m = 0; m < count; ++m)
+        __builtin_prefetch(filters[static_cast<std::size_t>(m)] + n * 9 + kFetched);
+      for (std::int64_t tap = 0; tap < 9; ++tap) {
+        double* line = taps.data() + (tap * channels + n) * rows + begin - first_row;
+        for (std::int64_t m = 0; m < count; ++m)
+          line[m] = static_cast<double>(filters[static_cast<std::size_t>(m)][n * 9 + tap]);
+      }
     }
   }
 }
