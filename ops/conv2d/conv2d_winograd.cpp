@@ -46,6 +46,7 @@ constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed in
 constexpr std::int64_t kNearBytes =
     24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
+constexpr std::int64_t kMostSharedBytes = 64 << 20;  // rather than more, weights are read more often
 constexpr std::int64_t kFilledEighths = 7;  // at least, of panels of filters as lanes
 // Where it is worth it, as measured against direct convolution. Large tiles have more weights to read and to
 // keep, which few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase,
@@ -175,7 +176,8 @@ void Conv2dWinogradBase::divide_tiles() noexcept {
   const auto tile_bytes = frequencies_ * words_ * static_cast<std::int64_t>(sizeof(float));
   const std::int64_t own = std::max(kOwnBytes / tile_bytes, kTaskTiles);
   shared_ = g_.batch * lines_ * line_tiles_ < kFewStrips * own;
-  const std::int64_t most = shared_ ? std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles) : own;
+  const std::int64_t shared = std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles);
+  const std::int64_t most = shared_ ? std::min(shared, std::max(kMostSharedBytes / tile_bytes, kTaskTiles)) : own;
   if (line_tiles_ > most) {
     const std::int64_t line = line_tiles_;
     // Segments of whole vectors: of a vector's tiles beyond the segment, products are computed in vain.
