@@ -18,6 +18,7 @@ class GatedConv(nn.Module):
         self.conv = nn.Conv2d(ic, 2 * oc, kernel, stride, dilation * (kernel // 2), dilation)
         nn.init.kaiming_normal_(self.conv.weight, nonlinearity='relu')
         nn.init.zeros_(self.conv.bias)
+        nn.init.constant_(self.conv.bias[oc:], 2)  # gates start open: shut ones pass no gradient
 
     def forward(self, x):
         a, g = self.conv(x).chunk(2, 1)

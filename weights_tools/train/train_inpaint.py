@@ -3,10 +3,9 @@
 
   train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--adversarial .01] [--device cuda]
 
-Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1, multi-scale gradients, and the
-logarithm of the squared error over the fill's own (the figure of merit, so that easy and hard holes count the same); all of
-the smooth fill and its correction, without the mirrored detail. With
---adversarial, for texture, the critic of patch_gan.py joins when the rest has settled.
+Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1 and multi-scale gradients of the
+smooth fill and its correction, without the mirrored detail. With --adversarial, for texture, the critic of patch_gan.py joins
+when the rest has settled. A network whose last gates have shut learns nothing any more: the correction's size is printed.
 """
 import argparse
 import os
@@ -29,26 +28,28 @@ def squared(y, truth, mask):
     return ((y[:, :3] - truth[:, :3]) ** 2 * mask).sum(dim=(1, 2, 3)) / (3 * mask.sum(dim=(1, 2, 3))).clamp_min(1)
 
 
-def loss_of(y, filled, truth, mask):
+def loss_of(y, truth, mask):
     area = mask.mean(dim=(1, 2, 3)).clamp_min(.005).view(-1, 1, 1, 1)
     error = (y - truth) * CHANNELS.to(y.device) * mask
     total = (error.abs() / area).mean()
     for k in range(3):
         g = error[..., ::2 ** k, ::2 ** k] / area
         total = total + .25 * ((g[..., 1:] - g[..., :-1]).abs().mean() + (g[..., 1:, :] - g[..., :-1, :]).abs().mean())
-    return total + torch.log((squared(y, truth, mask) + 1e-3) / (squared(filled, truth, mask) + 1e-3)).mean()
+    return total
 
 
 @torch.no_grad()
 def evaluate(net, tests, device):
-    ours, fill = [], []
+    ours, fill, size = [], [], []
     for scene, truth, d, _, hole, mask, _ in tests:
         scene, truth, d, hole, mask = (torch.from_numpy(v)[None].to(device) for v in (scene, truth, d, hole, mask))
         filled, _, weight = background_fill(scene, d, hole)
-        for y, out in ((filled + net.correction(filled, weight, hole), ours), (filled, fill)):
+        correction = net.correction(filled, weight, hole)
+        size.append(float(squared(correction, 0 * truth, mask)))
+        for y, out in ((filled + correction, ours), (filled, fill)):
             out.append(-10 * np.log10(float(squared(y.clamp(-1, 1), truth, mask)) / 4 + 1e-9))
     gain = np.array(ours) - np.array(fill)
-    return f'hidden background: {np.mean(ours):.2f} dB, the fill alone {np.mean(fill):.2f} dB, gain {gain.mean():.2f}, better in {100 * (gain > 0).mean():.0f}%'
+    return f'hidden background: {np.mean(ours):.2f} dB, the fill alone {np.mean(fill):.2f} dB, gain {gain.mean():.2f}, better in {100 * (gain > 0).mean():.0f}%, correction of {np.sqrt(np.mean(size)):.4f} (RMS)'
 
 
 def main():
@@ -60,7 +61,7 @@ def main():
     p.add_argument('--threads', type=int, default=1)
     p.add_argument('--size', type=int, default=128)
     p.add_argument('--batch', type=int, default=8)
-    p.add_argument('--rate', type=float, default=1.5e-3)
+    p.add_argument('--rate', type=float, default=6e-4)
     p.add_argument('--adversarial', type=float, default=0, help='weight of the adversarial term')
     a = p.parse_args()
     torch.set_num_threads(a.threads)
@@ -97,7 +98,7 @@ def main():
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             correction = net.correction(filled.contiguous(memory_format=torch.channels_last), weight, hole)
         y = filled + correction.float()
-        loss = loss_of(y, filled, truth, mask)
+        loss = loss_of(y, truth, mask)
         if adversary and schedule.share > ADVERSARIAL_FROM:
             loss = loss + a.adversarial * adversary.loss(y, truth, mask, cover)
         optimiser.zero_grad()
