@@ -15,7 +15,8 @@
 namespace slide {
 namespace {
 
-constexpr std::int64_t kSlab = 1 << 13;  // elements folded at a time: all in the second-level cache
+constexpr std::size_t kReleased = 3 << 14;  // bytes that are worth a call of the system before the end
+constexpr std::int64_t kSlab = 1 << 13;     // elements folded at a time: all in the second-level cache
 
 /// The rows begin <= r < end along the first axis.
 Tensor rows_of(const Tensor& t, std::int64_t begin, std::int64_t end) {
@@ -32,7 +33,8 @@ class Evaluation {
   Evaluation& operator=(const Evaluation&) = delete;
   ~Evaluation() {
     for (const auto& [i, value] : values_)
-      if (graph_.node(i).kind == NodeKind::kParameter) weights_.release(graph_.node(i).name);
+      if (graph_.node(i).kind == NodeKind::kParameter && value.bytes() >= kReleased)
+        weights_.release(graph_.node(i).name);
   }
 
   /// A constant in float32; one that has to be folded lies in `memory` if that is large enough.
@@ -151,8 +153,7 @@ PlanConstants load_constants(const Graph& graph, const Plan& plan, const WeightS
       });
   parallel_for(static_cast<std::int64_t>(tasks.size()),
                [&](std::int64_t t) { tasks[static_cast<std::size_t>(t)](); });
-  for (const Node& node : graph.nodes())
-    if (node.kind == NodeKind::kParameter) weights.release(node.name);
+  weights.release();
   return constants;
 }
 

@@ -207,8 +207,11 @@ Tensor SafetensorsFile::tensor(std::string_view name) const {
   return copy;
 }
 
-void SafetensorsFile::release(std::string_view name) const {
-  const std::span<const std::byte> bytes = raw(find(name));
+void SafetensorsFile::release(std::string_view name) const { release(raw(find(name))); }
+
+void SafetensorsFile::release() const { release(data_); }
+
+void SafetensorsFile::release(std::span<const std::byte> bytes) const {
   if (!mapped_ || bytes.empty()) return;
   const auto page = static_cast<std::size_t>(::sysconf(_SC_PAGESIZE));
   const std::size_t before = reinterpret_cast<std::uintptr_t>(bytes.data()) % page;

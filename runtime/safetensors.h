@@ -75,6 +75,8 @@ class SafetensorsFile {
   /// hold any of it are read again when they are next touched. Throws Error(kBadWeights) if there is no
   /// tensor of that name.
   void release(std::string_view name) const;
+  /// The same for all tensors.
+  void release() const;
 
   /// True if the metadata holds a checksum for every tensor.
   [[nodiscard]] bool has_checksums() const noexcept;
@@ -89,6 +91,7 @@ class SafetensorsFile {
   SafetensorsFile() = default;
   [[nodiscard]] std::size_t find(std::string_view name) const;
   [[nodiscard]] std::span<const std::byte> raw(std::size_t i) const;
+  void release(std::span<const std::byte> bytes) const;
   void check_checksum_keys() const;
 
   std::string description_;
@@ -113,6 +116,7 @@ class SafetensorsWeights : public WeightSource {
   [[nodiscard]] std::string description() const override { return file_.description(); }
   [[nodiscard]] std::optional<Tensor> find(std::string_view name, const Shape& wanted) const override;
   void release(std::string_view name) const override { file_.release(name); }
+  void release() const override { file_.release(); }
   [[nodiscard]] std::vector<std::string> names() const override { return file_.names(); }
   [[nodiscard]] const Calibration* calibration() const override { return calibration_.get(); }
 

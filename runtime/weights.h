@@ -25,6 +25,8 @@ class WeightSource {
   /// Says that the tensor's values will not be read soon. A source that can fetch them again gives their
   /// memory back to the system; tensors that find() returned stay valid.
   virtual void release(std::string_view /*name*/) const {}
+  /// Says the same of all tensors.
+  virtual void release() const {}
   /// The names it holds, in its own order; empty for sources that make tensors up.
   [[nodiscard]] virtual std::vector<std::string> names() const = 0;
   /// What calibration found for these weights (runtime/calibration.h); null if they were not calibrated.

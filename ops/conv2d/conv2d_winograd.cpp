@@ -47,7 +47,7 @@ constexpr std::int64_t kNearBytes =
     24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
 constexpr std::int64_t kMostSharedBytes = 64 << 20;  // rather than more, weights are read more often
-constexpr std::int64_t kFilledEighths = 7;  // at least, of panels of filters as lanes
+constexpr std::int64_t kFilledEighths = 7;           // at least, of panels of filters as lanes
 // Where it is worth it, as measured against direct convolution. Large tiles have more weights to read and to
 // keep, which few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase,
 // multiply in vain.
@@ -177,7 +177,8 @@ void Conv2dWinogradBase::divide_tiles() noexcept {
   const std::int64_t own = std::max(kOwnBytes / tile_bytes, kTaskTiles);
   shared_ = g_.batch * lines_ * line_tiles_ < kFewStrips * own;
   const std::int64_t shared = std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles);
-  const std::int64_t most = shared_ ? std::min(shared, std::max(kMostSharedBytes / tile_bytes, kTaskTiles)) : own;
+  const std::int64_t most =
+      shared_ ? std::min(shared, std::max(kMostSharedBytes / tile_bytes, kTaskTiles)) : own;
   if (line_tiles_ > most) {
     const std::int64_t line = line_tiles_;
     // Segments of whole vectors: of a vector's tiles beyond the segment, products are computed in vain.

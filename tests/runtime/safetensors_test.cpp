@@ -151,6 +151,11 @@ TEST_CASE("a released tensor gives its memory back and can be read again") {
   CHECK(same(kept, large));
   CHECK(same(*weights.find("small", {1}), small));
   CHECK_THROWS_AS(weights.release("none"), Error);
+  const long again = resident_kib();
+  weights.release();
+  if (again > 0) CHECK(resident_kib() <= again - 3800);
+  CHECK(same(kept, large));
+  CHECK(same(*weights.find("small", {1}), small));
 }
 
 TEST_CASE("the writer takes tensors in pieces and refuses too much, too little and impossible names") {
