@@ -54,8 +54,9 @@ def touch_memory(wanted):
     two seconds: whoever loads a network next would be charged for it.
 
     By a process of its own, whose size this one's children do not inherit as their highest."""
-    if os.fork() != 0:
-        os.wait()
+    child = os.fork()
+    if child != 0:
+        os.waitpid(child, 0)
         return
     with open('/proc/meminfo') as f:
         free = next(int(line.split()[1]) << 10 for line in f if line.startswith('MemFree'))
@@ -214,7 +215,7 @@ def measure(case, threads, options):
             break
     results = []
     for peer in peers:
-        facts = peer.ask('facts') | peer.facts | {'peak_kib': peer.ask('facts')['peak_kib']}
+        facts = peer.facts | {'peak_kib': peer.ask('facts')['peak_kib']}
         ms = statistics.median(peer.rounds) if peer.rounds else None
         results.append({'name': peer.name, 'ms': ms, 'rounds': peer.rounds} | facts)
         peer.stop()
