@@ -31,7 +31,7 @@ class Conv2dDepthwise {
 
   /// Whether there is one input channel to a group, and no gate.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept {
-    return geometry.group_ic == 1 && !fusion.upsample_input && !fusion.gate;
+    return geometry.group_ic == 1 && !fusion.upsamples() && !fusion.gate;
   }
 
   /// The weight as it is.

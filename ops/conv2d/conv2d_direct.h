@@ -5,9 +5,11 @@
 #include <span>
 #include <vector>
 
+#include "ops/common/elements.h"
 #include "ops/conv2d/conv2d_method.h"
 #include "ops/conv2d/conv2d_routines.h"
 #include "ops/pointwise/unary_row.h"
+#include "ops/resize/resize_routines.h"
 #include "runtime/precision.h"
 
 namespace slide::ops {
@@ -162,14 +164,24 @@ class Conv2dDirectBf16 : public Conv2dDirect {
 class Conv2dDirectInt8 : public Conv2dDirect {
  public:
   static constexpr Precision kPrecision = Precision::kInt8;
-  Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
-      : Conv2dDirect(routines, geometry, fusion, Precision::kInt8) {}
+  Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                   const Conv2dFusion& fusion);
   /// Not the first layers, whose words would be half empty and whose errors all others inherit, nor a
   /// single filter.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  [[nodiscard]] std::size_t scratch_bytes() const noexcept;
+  void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
   /// What quantisation may do to the sums, with the range measured:
   ///   (|x| + step_x / 2) ∗ (|w| + step_w / 2) - |x| ∗ |w|, and float32 roundings.
-  static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale);
+  /// x: what the range was measured of, before it was upsampled bilinearly.
+  static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, const Tensor& x,
+                          std::span<double> scale);
+
+ private:
+  // An image that is upsampled bilinearly is so first, into memory of its own. The roundings of that are a
+  // tenth of a thousandth of the quantisation's.
+  Nchw image_;  // before; of no planes if it is not
+  const ResizeRoutines& resize_;
 };
 
 }  // namespace slide::ops

@@ -45,22 +45,22 @@ std::int64_t gathered_depth(std::int64_t depth, Isa isa) {
   return equal_part(depth, std::max(least, root));
 }
 
-bool upsamples_3x3(const Conv2dGeometry& g) {
-  return g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 &&
+bool upsamples_3x3(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
+  return fusion.upsample_input == Upsampling::kNearest && g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 &&
          g.dilation_x == 1 && g.top == 1 && g.left == 1 && g.oheight == g.height && g.owidth == g.width;
 }
 
 bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
   constexpr std::int64_t kLargest = std::numeric_limits<std::int32_t>::max();  // of an offset
   const std::int64_t padded = (g.oheight + g.kheight * g.dilation_y) * (g.owidth + g.kwidth * g.dilation_x);
-  return !(fusion.gate && g.groups > 1) && (!fusion.upsample_input || upsamples_3x3(g)) &&
+  return !(fusion.gate && g.groups > 1) && (!fusion.upsamples() || upsamples_3x3(g, fusion)) &&
          g.group_ic * g.stride_y * g.stride_x < kLargest / padded;
 }
 
 /// A residual is added to the sums in registers unless something but a cut comes between.
 Conv2dFusion after_the_sums(Conv2dFusion fusion) {
   const bool function = fusion.residual_last && fusion.activation && !only_cuts(*fusion.activation);
-  const bool between = fusion.gate || fusion.upsample_input || function;
+  const bool between = fusion.gate || fusion.upsamples() || function;
   fusion.residual = fusion.residual && between;
   return fusion;
 }
@@ -82,17 +82,13 @@ bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
          !Conv2dWinograd<4>::fits(g, fusion);
 }
 
-bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.group_ic >= 8 && !Conv2dFewFilters::beats_lower(g, fusion);
-}
-
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                            const Conv2dFusion& fusion, Precision precision)
     : routines_(routines),
       g_(with_rows_joined(geometry)),
       precision_(precision),
       gated_(fusion.gate),
-      upsampled_(fusion.upsample_input),
+      upsampled_(fusion.upsamples()),
       relu_input_(fusion.relu_input),
       residual_last_(fusion.residual_last),
       least_(relu_input_ ? 0.0F : -std::numeric_limits<float>::infinity()),

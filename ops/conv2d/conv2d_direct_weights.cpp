@@ -1,4 +1,4 @@
-// The weights of direct convolutions, packed once, and what their error is measured against.
+// The weights of direct convolutions, packed once.
 
 #include <algorithm>
 #include <bit>
@@ -101,33 +101,6 @@ void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
   parallel_for(all, [&](std::int64_t panel) {
     pack_panel(weight, panel, panels, steps + panel * routines_.rows, sums + panel * routines_.rows);
   });
-}
-
-void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
-                                   std::span<double> scale) {
-  std::vector<Tensor> wide;
-  for (const Tensor& t : inputs) {
-    wide.push_back(t.clone());
-    for (double& v : wide.back().mutable_data<double>()) v = std::fabs(v);
-  }
-  std::vector<double> products(scale.size());
-  conv2d_reference(g, wide, products);
-  double low = 0;
-  double high = 0;
-  for (const double v : inputs[0].data<double>()) {
-    low = std::min(low, v);
-    high = std::max(high, v);
-  }
-  for (double& v : wide[0].mutable_data<double>()) v += 1.001 * (high - low) / 255 / 2;
-  const std::span<double> w = wide[1].mutable_data<double>();
-  const auto depth = static_cast<std::size_t>(g.depth());
-  for (std::size_t o = 0; o < w.size(); o += depth) {
-    const double largest = *std::max_element(w.begin() + static_cast<std::ptrdiff_t>(o),
-                                             w.begin() + static_cast<std::ptrdiff_t>(o + depth));
-    for (std::size_t k = o; k < o + depth; ++k) w[k] += 1.001 * largest / 127 / 2;
-  }
-  conv2d_reference(g, wide, scale);
-  for (std::size_t i = 0; i < scale.size(); ++i) scale[i] += 0x1p-22 * scale[i] - products[i] + 0x1p-100;
 }
 
 }  // namespace slide::ops

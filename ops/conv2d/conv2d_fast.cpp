@@ -91,11 +91,14 @@ class Conv2dKernel : public Kernel {
     if constexpr (requires { &Method::error_scale; }) {
       const Conv2dGeometry g = of(op).geometry(shapes_of(inputs));
       std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
-      Method::error_scale(g, of(op).convolution_inputs(inputs), sums);
-      if (Method::kPrecision == Precision::kInt8)
+      if constexpr (Method::kPrecision == Precision::kInt8) {
+        const std::vector<Tensor> own = of(op).convolution_inputs(inputs);
+        Method::error_scale(g, own, of(op).fusion().relu_input ? own[0] : inputs[0], sums);
         of(op).error_scale_of_sums(inputs, sums, output, scale, 0x1p-20, 1);
-      else
+      } else {
+        Method::error_scale(g, of(op).scale_inputs(inputs), sums);
         of(op).error_scale_of_sums(inputs, sums, output, scale);
+      }
       return true;
     } else {
       return Kernel::error_scale(op, inputs, output, scale);

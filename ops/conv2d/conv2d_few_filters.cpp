@@ -41,7 +41,7 @@ std::int64_t row_columns(const Conv2dGeometry& g) {
 bool Conv2dFewFilters::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   const bool odd = g.kheight == 3 || g.kheight == 5 || g.kheight == 7;
   return g.oc <= kMostFilters && g.ic >= kChannelsOfAFilter * g.oc && g.groups == 1 && g.stride_y == 1 &&
-         g.stride_x == 1 && (odd || reads_once(g)) && !fusion.gate && !fusion.upsample_input &&
+         g.stride_x == 1 && (odd || reads_once(g)) && !fusion.gate && !fusion.upsamples() &&
          !fusion.relu_input;
 }
 

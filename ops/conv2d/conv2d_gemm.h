@@ -25,7 +25,7 @@ class Conv2dGemm {
 
   /// Any convolution but of an upsampled input and with gates in several groups.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept {
-    return !fusion.upsample_input && !(fusion.gate && geometry.groups > 1);
+    return !fusion.upsamples() && !(fusion.gate && geometry.groups > 1);
   }
 
   [[nodiscard]] std::size_t packed_bytes() const noexcept;

@@ -13,7 +13,7 @@ class Conv2dGroupedGate {
                     const Conv2dFusion& fusion);
 
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept {
-    return fusion.gate && geometry.groups > 1 && !fusion.upsample_input;
+    return fusion.gate && geometry.groups > 1 && !fusion.upsamples();
   }
 
   [[nodiscard]] std::size_t packed_bytes() const noexcept { return convolution_.packed_bytes(); }

@@ -12,15 +12,24 @@
 
 namespace slide::ops {
 
+/// How x is enlarged by 2 in both directions.
+enum class Upsampling {
+  kNone,
+  kNearest,
+  kBilinear,  ///< half-pixel: weights 1/4 and 3/4, the border replicated
+};
+
 /// What a convolution may do beside convolving, in the order of the computation. A planner joins neighbours
 /// of a convolution into it (ops/fusion).
 struct Conv2dFusion {
-  bool relu_input = false;      ///< x is max(x, 0)
-  bool upsample_input = false;  ///< x is upsampled by 2 (nearest) before it is convolved
-  bool residual = false;        ///< the last input, of the output's shape, is added to the sums and the bias
-  bool residual_last = false;   ///< ... is added to the result of the activation instead
-  bool gate = false;            ///< the first half of the channels a, the second g: elu(a) · sigmoid(g)
+  bool relu_input = false;  ///< x is max(x, 0); not with bilinear upsampling
+  Upsampling upsample_input = Upsampling::kNone;  ///< of x, before it is convolved
+  bool residual = false;       ///< the last input, of the output's shape, is added to the sums and the bias
+  bool residual_last = false;  ///< ... is added to the result of the activation instead
+  bool gate = false;           ///< the first half of the channels a, the second g: elu(a) · sigmoid(g)
   std::shared_ptr<const UnaryOp> activation = nullptr;  ///< of the result
+
+  [[nodiscard]] bool upsamples() const noexcept { return upsample_input != Upsampling::kNone; }
 };
 
 /// "relu before, residual, relu6", with residual_last "relu6, residual"; empty for a plain convolution.

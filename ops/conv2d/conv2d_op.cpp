@@ -30,14 +30,28 @@ void for_each_gate(const Conv2dGeometry& g, const Body& body) {
   });
 }
 
-Tensor upsampled(const Tensor& x) {
+/// x enlarged by 2: sample i is far · (1 - near_weight) + near · near_weight of the samples at i / 2 and
+/// beside it, on i's side.
+Tensor upsampled(const Tensor& x, double near_weight) {
   const Shape& s = x.shape();
   Tensor y(DType::kF64, {s[0], s[1], 2 * s[2], 2 * s[3]});
-  const std::span<const double> from = x.data<double>();
+  const double* plane = x.data<double>().data();
   double* to = y.mutable_data<double>().data();
-  for (std::int64_t row = 0; row < s[0] * s[1] * s[2]; ++row)
-    for (int twice = 0; twice < 2; ++twice)
-      for (std::int64_t j = 0; j < 2 * s[3]; ++j) *to++ = from[static_cast<std::size_t>(row * s[3] + j / 2)];
+  const auto blend = [=](double near, double far) {  // infinity times zero is no number
+    return near_weight == 1 ? near : near_weight * near + (1 - near_weight) * far;
+  };
+  const auto far = [](std::int64_t i, std::int64_t extent) {
+    return std::clamp<std::int64_t>(i / 2 + (i % 2 == 0 ? -1 : 1), 0, extent - 1);
+  };
+  for (std::int64_t n = 0; n < s[0] * s[1]; ++n, plane += s[2] * s[3])
+    for (std::int64_t i = 0; i < 2 * s[2]; ++i)
+      for (std::int64_t j = 0; j < 2 * s[3]; ++j) {
+        const auto row = [&](std::int64_t k) {
+          const double* at = plane + k * s[3];
+          return blend(at[j / 2], at[far(j, s[3])]);
+        };
+        *to++ = blend(row(i / 2), row(far(i, s[2])));
+      }
   return y;
 }
 
@@ -46,7 +60,8 @@ Tensor upsampled(const Tensor& x) {
 std::string text_of(const Conv2dFusion& fusion) {
   std::string text;
   const auto append = [&](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
-  if (fusion.upsample_input) append("x2 before");
+  if (fusion.upsamples())
+    append(fusion.upsample_input == Upsampling::kNearest ? "x2 before" : "bilinear x2 before");
   if (fusion.relu_input) append("relu before");
   if (fusion.residual && !fusion.residual_last) append("residual");
   if (fusion.gate) append("gate");
@@ -78,7 +93,7 @@ Conv2dGeometry Conv2dOp::geometry(std::span<const Shape> inputs) const {
     require_input_count(type(), inputs, 4, 4);
     own.pop_back();
   }
-  if (fusion_.upsample_input && own[0].rank() == 4)
+  if (fusion_.upsamples() && own[0].rank() == 4)
     own[0] = own[0].with(2, 2 * own[0][2]).with(3, 2 * own[0][3]);
   const Conv2dGeometry g = conv2d_geometry(type(), own, params_);
   if (fusion_.gate && g.oc % 2 != 0)
@@ -107,12 +122,20 @@ double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const 
 
 std::vector<Tensor> Conv2dOp::convolution_inputs(std::span<const Tensor> inputs) const {
   std::vector<Tensor> own(inputs.begin(), inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
-  if (fusion_.upsample_input) own[0] = upsampled(own[0]);
+  if (fusion_.upsamples()) own[0] = upsampled(own[0], fusion_.upsample_input == Upsampling::kNearest ? 1 : 0.75);
   if (fusion_.relu_input) {
     own[0] = own[0].clone();
     for (double& v : own[0].mutable_data<double>()) v = v < 0 ? 0 : v;
   }
   return own;
+}
+
+std::vector<Tensor> Conv2dOp::scale_inputs(std::span<const Tensor> inputs) const {
+  if (fusion_.upsample_input != Upsampling::kBilinear) return convolution_inputs(inputs);
+  std::vector<Tensor> absolute(inputs.begin(), inputs.end());
+  absolute[0] = absolute[0].clone();
+  for (double& v : absolute[0].mutable_data<double>()) v = std::fabs(v);
+  return convolution_inputs(absolute);
 }
 
 void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
@@ -140,7 +163,7 @@ void Conv2dOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
 void Conv2dOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   const Conv2dGeometry g = geometry(shapes_of(inputs));
   std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
-  conv2d_error_scale(g, convolution_inputs(inputs), sums);
+  conv2d_error_scale(g, scale_inputs(inputs), sums);
   error_scale_of_sums(inputs, sums, output, scale);
 }
 

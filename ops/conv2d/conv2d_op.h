@@ -49,6 +49,8 @@ class Conv2dOp : public Op {
   [[nodiscard]] Conv2dGeometry geometry(std::span<const Shape> inputs) const;
   /// x as the convolution sees it (upsampled, below zero cut off), weight and perhaps bias, F64.
   [[nodiscard]] std::vector<Tensor> convolution_inputs(std::span<const Tensor> inputs) const;
+  /// The same for error scales: of what is upsampled bilinearly, which rounds, the upsampled magnitudes.
+  [[nodiscard]] std::vector<Tensor> scale_inputs(std::span<const Tensor> inputs) const;
 
  private:
   Conv2dParams params_;

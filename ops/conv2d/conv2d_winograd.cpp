@@ -145,7 +145,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
       g_(geometry),
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
-      upsampled_(fusion.upsample_input),
+      upsampling_(fusion.upsample_input),
       finishes_rows_(finishes_rows(geometry, fusion, routines.isa)),
       non_temporal_(finishes_rows_ && fills_lines(geometry)),
       residual_last_(fusion.residual_last),
@@ -212,7 +212,7 @@ void Conv2dWinogradBase::choose_order() noexcept {
 
 bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
-                        g.groups == 1 && !(fusion.upsample_input && g.dilation_x != 1);
+                        g.groups == 1 && !(fusion.upsamples() && g.dilation_x != 1);
   if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
   const bool many_weights = g.ic * g.oc >= kManyWeights;
   const std::int64_t tiles = tiles_of(tile, g);
@@ -244,7 +244,8 @@ bool Conv2dWinogradBf16::replaces_lower(const Conv2dGeometry& g) noexcept {
 double Conv2dWinogradBase::error_factor() const noexcept {
   const std::int64_t pairs = tile_ / 2;
   const std::int64_t fused = winograd_.fused ? 1 : 0;
-  const std::int64_t input = fused != 0 ? pairs : 2 * pairs;
+  const std::int64_t blends = upsampling_ == Upsampling::kBilinear ? 1 : 0;  // in each direction
+  const std::int64_t input = (pairs + blends) * (2 - fused);
   const bool rounded = precision_ == Precision::kBf16;
   const std::int64_t product =
       (rounded ? g_.ic : block_depth_ + divide_up(g_.ic, block_depth_)) + (1 - fused);
@@ -332,7 +333,7 @@ void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> sc
 /// With `slots` threads, each with its part of memory. Within a thread of run(), with this one.
 void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                                    std::int64_t slots) const {
-  const float* x = arrays.x + strip.image * g_.ic * (upsampled_ ? g_.plane() / 4 : g_.plane());
+  const float* x = arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
   std::atomic<std::int64_t> next_word{0};
   parallel_for(slots, [&](std::int64_t slot) {
     for (std::int64_t k = next_word++; k < words_; k = next_word++)
@@ -352,19 +353,29 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
                                             float* memory) const {
   const InputMemory sizes = input_memory(g_, tile_, line_tiles_);
   const std::int64_t start = tile_start(strip.first_tile, tile_, g_.dilation_x) - g_.left;
-  const float* rows[kMaxLanes * 8];
+  const float *rows[kMaxLanes * 8], *far_rows[kMaxLanes * 8];
   WinogradInput in{};
   in.rows = rows;
+  in.far_rows = far_rows;
   in.used = (divide_up(strip.line_tiles, g_.dilation_x) * tile_ + 2) * g_.dilation_x;
   in.left = std::clamp<std::int64_t>(-start, 0, in.used);
   const std::int64_t first_column = std::clamp<std::int64_t>(start, 0, g_.width);
   in.count = std::min(in.used - in.left, g_.width - first_column);
   in.relu = relu_input_;
-  in.doubled = upsampled_;
-  in.odd = upsampled_ && first_column % 2 != 0;
-  const std::int64_t repeats = upsampled_ ? 2 : 1;  // of each pixel, in both directions
-  const std::int64_t width = g_.width / repeats, plane = width * (g_.height / repeats);
-  const std::int64_t columns = (in.count + (in.odd ? 1 : 0) + repeats - 1) / repeats;  // that are read
+  in.doubled = upsampling_ == Upsampling::kNearest;
+  in.blended = upsampling_ == Upsampling::kBilinear;
+  const std::int64_t repeats = upsampling_ == Upsampling::kNone ? 1 : 2;  // of each pixel, in both directions
+  const std::int64_t width = g_.width / repeats, height = g_.height / repeats;
+  in.odd = repeats == 2 && first_column % 2 != 0;
+  std::int64_t first_read = first_column / repeats;
+  std::int64_t last_read = divide_up(first_column + in.count, repeats);
+  in.left_edge = first_read == 0;
+  in.right_edge = last_read == width;
+  if (in.blended) {
+    first_read -= in.left_edge ? 0 : 1;
+    last_read += in.right_edge ? 0 : 1;
+  }
+  const std::int64_t plane = width * height, columns = last_read - first_read;
   in.dilation = g_.dilation_x;
   in.tiles = strip.line_tiles;
   in.buffer = memory + sizes.zeros + round_up(in.left, kRowAlignment) - in.left;  // stores are aligned
@@ -375,7 +386,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   in.columns = columns_;
   in.panel_stride = strip.panel_stride;
   in.frequency_stride = strip.frequency_stride;
-  std::fill_n(memory, in.count, 0.0F);
+  std::fill_n(memory, columns, 0.0F);
   for (std::int64_t line = strip.first_line; line < strip.last_line; ++line) {
     const std::int64_t top = tile_start(line, tile_, g_.dilation_y) - g_.top;
     for (std::int64_t lane = 0; lane < lanes_; ++lane) {
@@ -383,8 +394,11 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
       for (std::int64_t u = 0; u < tile_ + 2; ++u) {
         const std::int64_t row = top + u * g_.dilation_y;
         const bool inside = channel < g_.ic && row >= 0 && row < g_.height;
-        rows[lane * (tile_ + 2) + u] =
-            inside ? x + channel * plane + row / repeats * width + first_column / repeats : memory;
+        const std::int64_t near = row / repeats;
+        const std::int64_t far = std::clamp<std::int64_t>(near + (row % 2 == 0 ? -1 : 1), 0, height - 1);
+        const float* from = x + channel * plane + first_read;
+        rows[lane * (tile_ + 2) + u] = inside ? from + near * width : memory;
+        far_rows[lane * (tile_ + 2) + u] = inside ? from + far * width : memory;
       }
     }
     in.first = (line - strip.first_line) * strip.line_tiles;

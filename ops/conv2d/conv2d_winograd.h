@@ -115,7 +115,8 @@ class Conv2dWinogradBase {
   const WinogradTransforms& transforms_;
   Precision precision_;
   Conv2dGeometry g_;
-  bool gated_, relu_input_, upsampled_;
+  bool gated_, relu_input_;
+  Upsampling upsampling_;
   bool finishes_rows_;  // the output transform does, with residual and clamp
   bool non_temporal_;   // ... in stores that bypass the caches
   bool residual_last_;

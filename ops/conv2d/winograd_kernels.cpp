@@ -151,6 +151,44 @@ SLIDE_INLINE void transform_doubled_rows(const Float* square, const Float* point
   }
 }
 
+/// A quarter of `far` and three of `near`.
+SLIDE_INLINE Float blend(Float far, Float near) {
+  return simd::fma(simd::broadcast(0.75F), near, simd::broadcast(0.25F) * far);
+}
+
+/// The vertical transform of rows between which and between whose columns the image's lie: the rows are
+/// blended and transformed, then the columns of the result blended.
+template <int M>
+SLIDE_INLINE void transform_blended_rows(const Float* square, const Float* point, const WinogradInput& in,
+                                         int channel, float* to) {
+  const std::int64_t first = in.odd ? -1 : 0;
+  const std::int64_t pairs = (in.count - first + 1) / 2;
+  const std::int64_t begin = in.left_edge ? 0 : -1, end = in.right_edge ? pairs : pairs + 1;
+  const std::int64_t size = M * in.phase_size;
+  float* low = in.phases + 1;
+  for (std::int64_t k = begin; k < end; k += kWidth) {
+    Float d[M + 2];
+    for (int u = 0; u < M + 2; ++u) {
+      const int row = channel * (M + 2) + u;
+      d[u] = blend(simd::load_some(in.far_rows[row] + k - begin, end - k),
+                   simd::load_some(in.rows[row] + k - begin, end - k));
+    }
+    transform_input<M>(square, point, d);
+    for (int u = 0; u < M + 2; ++u) simd::store(low + u * size + k, d[u]);
+  }
+  for (int u = 0; u < M + 2; ++u, low += size, to += in.row_size) {
+    if (in.left_edge) low[-1] = low[0];
+    if (in.right_edge) low[pairs] = low[pairs - 1];
+    for (std::int64_t k = 0; k < pairs; k += kWidth) {
+      const Float near = simd::load(low + k);
+      const Float left = blend(simd::load(low + k - 1), near), right = blend(simd::load(low + k + 1), near);
+      const std::int64_t j = first + 2 * k, rest = in.count - j;
+      simd::store_some(to + j, zip_low(left, right), rest);
+      if (rest > kWidth) simd::store_some(to + j + kWidth, zip_high(left, right), rest - kWidth);
+    }
+  }
+}
+
 /// The vertical transform of a line of one channel.
 template <int M>
 SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const WinogradInput& in,
@@ -163,6 +201,7 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
   }
   const float* rows[M + 2];
   for (int u = 0; u < M + 2; ++u) rows[u] = in.rows[channel * (M + 2) + u];
+  if (in.blended) return transform_blended_rows<M>(square, point, in, channel, buffer + in.left);
   if (in.doubled) return transform_doubled_rows<M>(square, point, in, rows, buffer + in.left);
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;

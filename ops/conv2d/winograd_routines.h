@@ -17,17 +17,22 @@ struct WinogradPoints {
 /// One line of tiles of the channels of a word (one, of bfloat16 two), see Conv2dWinograd.
 struct WinogradInput {
   const float* const* rows;  ///< of each channel m + 2 rows of the input, zeros where outside
+  /// Blended: of each channel the m + 2 rows that are a quarter of the sum with `rows`. Rows begin one column
+  /// before that of the first two, but at the image's left edge, and end one after that of the last two, but
+  /// at its right edge.
+  const float* const* far_rows;
   std::int64_t left;         ///< columns of zeros first
   std::int64_t count;        ///< then input columns
   std::int64_t used;         ///< then zeros, up to here
   bool relu;                 ///< x is max(x, 0)
   bool doubled;  ///< rows hold each two columns once; the first is the second of two if `odd`, not else
-  bool odd;
+  bool blended;  ///< the same, but the two are blends of a row's column and its neighbours'
+  bool odd, left_edge, right_edge;
   std::int64_t dilation;  ///< horizontal
   std::int64_t tiles;     ///< of the line
   float* buffer;  ///< of each m + 2 rows of row_size, of which a vector's tiles beyond the last are read
   std::int64_t row_size;
-  float* phases;  ///< of each (m + 2)·m rows of phase_size
+  float* phases;  ///< memory for (m + 2)·m rows of phase_size of each
   std::int64_t phase_size;
   float* v;                   ///< these channels' row of words of the first panel and frequency
   std::int64_t first;         ///< the line's first tile is column first % columns of panel first / columns

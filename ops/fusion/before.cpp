@@ -22,30 +22,45 @@ using Rewrite = std::function<bool(ConvForm&, const Shape& weight)>;
 
 bool take_relu(ConvForm& form, const Shape& /*weight*/) {
   form.fusion.relu_input = true;
-  return true;
+  return form.fusion.upsample_input != Upsampling::kBilinear;
 }
 
-bool take_upsampling(ConvForm& form, const Shape& weight) {
+bool take_upsampling(ConvForm& form, const Shape& weight, Upsampling upsampling) {
   const Conv2dParams wanted = Conv2dParams::same(3);
   const bool fits = weight[2] == 3 && weight[3] == 3 && form.params.stride == wanted.stride &&
                     form.params.dilation == wanted.dilation && form.params.groups == 1 &&
-                    form.params.padding == wanted.padding && !form.fusion.upsample_input;
-  form.fusion.upsample_input = true;
-  return fits;
+                    form.params.padding == wanted.padding && !form.fusion.upsamples();
+  form.fusion.upsample_input = upsampling;
+  return fits && !(form.fusion.relu_input && upsampling == Upsampling::kBilinear);
 }
 
 /// Zeros around an upsampled tensor are no zeros around the one before.
 bool take_padding(ConvForm& form, const std::array<std::int64_t, 4>& padding) {
   for (std::size_t side = 0; side < 4; ++side) form.params.padding[side] += padding[side];
-  return !form.fusion.upsample_input;
+  return !form.fusion.upsamples();
 }
 
-/// Whether output i of the axis is input floor(i / 2), to twice the extent.
-bool doubles(const ResizeAxis& axis, std::int64_t extent) {
-  if (axis.taps != 1 || axis.index.size() != static_cast<std::size_t>(2 * extent)) return false;
-  for (std::size_t k = 0; k < axis.index.size(); ++k)
-    if (axis.index[k] != static_cast<std::int64_t>(k / 2)) return false;
-  return true;
+/// How an axis is enlarged, if by 2.
+Upsampling upsampling_of(const ResizeAxis& axis, std::int64_t extent) {
+  const auto size = static_cast<std::size_t>(2 * extent), taps = static_cast<std::size_t>(axis.taps);
+  if (taps > 2 || axis.index.size() != size * taps) return Upsampling::kNone;
+  for (std::size_t k = 0; k < size; ++k) {
+    const auto at = static_cast<std::int64_t>(k / 2);
+    const std::int64_t before = k % 2 == 0 ? at - 1 : at;
+    const std::int64_t* index = &axis.index[k * taps];
+    const double* weight = &axis.weight[k * taps];
+    const bool same = taps == 1 ? index[0] == at
+                                : index[0] == std::max<std::int64_t>(before, 0) &&
+                                      index[1] == std::min(before + 1, extent - 1) &&
+                                      weight[0] == (k % 2 == 0 ? 0.25 : 0.75) && weight[1] == 1 - weight[0];
+    if (!same) return Upsampling::kNone;
+  }
+  return taps == 1 ? Upsampling::kNearest : Upsampling::kBilinear;
+}
+
+Upsampling upsampling_of(const ResizeOp& resize, const Shape& x) {
+  const Upsampling rows = upsampling_of(resize.axis(0, x[2]), x[2]);
+  return rows == upsampling_of(resize.axis(1, x[3]), x[3]) ? rows : Upsampling::kNone;
 }
 
 /// How a convolution takes node i in; empty if none does.
@@ -55,11 +70,12 @@ Rewrite rewrite_for(const Draft& draft, int i) {
   if (const auto* pad = draft.as<PadOp>(i);
       pad != nullptr && pad->mode() == PadMode::kConstant && pad->value() == 0)
     return [padding = pad->padding()](ConvForm& form, const Shape&) { return take_padding(form, padding); };
-  if (const auto* resize = draft.as<ResizeOp>(i)) {
-    const Shape& x = draft.node(draft.node(i).inputs[0]).shape;
-    if (resize->params().mode == ResizeMode::kNearest && doubles(resize->axis(0, x[2]), x[2]) &&
-        doubles(resize->axis(1, x[3]), x[3]))
-      return take_upsampling;
+  if (const auto* resize = draft.as<ResizeOp>(i); resize != nullptr && !resize->fusion().residual) {
+    const Upsampling upsampling = upsampling_of(*resize, draft.node(draft.node(i).inputs[0]).shape);
+    if (upsampling != Upsampling::kNone)
+      return [upsampling](ConvForm& form, const Shape& weight) {
+        return take_upsampling(form, weight, upsampling);
+      };
   }
   return {};
 }

@@ -11,7 +11,7 @@ bool maps_pixels(const Conv2dOp& conv, const Shape& weight) {
   const Conv2dFusion& fusion = conv.fusion();
   return weight[2] == 1 && weight[3] == 1 && p.stride == Conv2dParams{}.stride &&
          p.padding == Conv2dParams{}.padding && !fusion.gate && fusion.activation == nullptr &&
-         !fusion.relu_input && !fusion.upsample_input;
+         !fusion.relu_input && !fusion.upsamples();
 }
 
 std::int64_t pixels(const Shape& shape) { return shape[2] * shape[3]; }

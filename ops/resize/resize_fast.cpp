@@ -24,9 +24,11 @@ std::span<const ResizeRoutines* const> resize_routines() {
   return kAll;
 }
 
-namespace {
+const ResizeRoutines& resize_routines(Isa isa) {
+  return **std::ranges::find(resize_routines(), isa, &ResizeRoutines::isa);
+}
 
-constexpr std::int64_t kRowsPerTask = 32;
+namespace {
 
 class ResizeKernel : public LevelKernel<ResizeOp, ResizeRoutines> {
  public:
@@ -54,19 +56,8 @@ class ResizeKernel : public LevelKernel<ResizeOp, ResizeRoutines> {
 
   void compute(const ResizeOp& op, std::span<const Tensor> inputs, Tensor& output,
                std::span<std::byte> /*scratch*/) const override {
-    const Nchw in = nchw(inputs[0].shape());
-    const Nchw out = nchw(output.shape());
-    const ResizeTables tables(op, in.h, in.w);
-    const std::int64_t tasks = (out.h + kRowsPerTask - 1) / kRowsPerTask;
-    for_ranges(in.n * in.c * tasks, 1, [&](std::int64_t task, std::int64_t) {
-      const std::int64_t plane = task / tasks;
-      const std::int64_t first = task % tasks * kRowsPerTask;
-      ResizedRows rows(routines(), tables, f32(inputs[0]) + plane * in.plane());
-      float* y = f32(output) + plane * out.plane();
-      const float* residual = op.fusion().residual ? f32(inputs[1]) + plane * out.plane() : nullptr;
-      for (std::int64_t i = first; i < std::min(out.h, first + kRowsPerTask); ++i)
-        rows.write(i, y + i * out.w, residual != nullptr ? residual + i * out.w : nullptr);
-    });
+    resize_planes(routines(), op, nchw(inputs[0].shape()), f32(inputs[0]),
+                  op.fusion().residual ? f32(inputs[1]) : nullptr, f32(output));
   }
 };
 

@@ -21,5 +21,7 @@ struct ResizeRoutines {
 
 /// Those of every level of this build, best first.
 [[nodiscard]] std::span<const ResizeRoutines* const> resize_routines();
+/// Those of a level of this build.
+[[nodiscard]] const ResizeRoutines& resize_routines(Isa isa);
 
 }  // namespace slide::ops

@@ -1,6 +1,13 @@
 #include "ops/resize/resized_rows.h"
 
+#include <algorithm>
+
 namespace slide::ops {
+namespace {
+
+constexpr std::int64_t kRowsPerTask = 32;
+
+}  // namespace
 
 ResizeTables::ResizeTables(const ResizeOp& op, std::int64_t height, std::int64_t width)
     : in_width(width), out_width(op.params().size[1]), rows(op.axis(0, height)) {
@@ -46,6 +53,22 @@ void ResizedRows::write(std::int64_t i, float* y, const float* residual) {
   }
   routines_.across_rows(sources.data(), weights.data(), tables_.rows.taps, residual, y,
                         static_cast<std::size_t>(tables_.out_width));
+}
+
+void resize_planes(const ResizeRoutines& routines, const ResizeOp& op, const Nchw& in, const float* x,
+                   const float* residual, float* y) {
+  const auto [height, width] = op.params().size;
+  const ResizeTables tables(op, in.h, in.w);
+  const std::int64_t tasks = (height + kRowsPerTask - 1) / kRowsPerTask;
+  for_ranges(in.n * in.c * tasks, 1, [&](std::int64_t task, std::int64_t) {
+    const std::int64_t plane = task / tasks;
+    ResizedRows rows(routines, tables, x + plane * in.plane());
+    const std::int64_t first = task % tasks * kRowsPerTask;
+    for (std::int64_t i = first; i < std::min(height, first + kRowsPerTask); ++i) {
+      const std::int64_t at = (plane * height + i) * width;
+      rows.write(i, y + at, residual != nullptr ? residual + at : nullptr);
+    }
+  });
 }
 
 }  // namespace slide::ops

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "ops/common/elements.h"
 #include "ops/resize/resize_op.h"
 #include "ops/resize/resize_routines.h"
 
@@ -39,5 +40,9 @@ class ResizedRows {
   std::vector<float> memory_;
   std::array<std::int64_t, 4> held_;
 };
+
+/// All planes of x, plus the residual unless that is null, written to y.
+void resize_planes(const ResizeRoutines& routines, const ResizeOp& op, const Nchw& in, const float* x,
+                   const float* residual, float* y);
 
 }  // namespace slide::ops

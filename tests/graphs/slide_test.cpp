@@ -7,6 +7,7 @@
 
 #include "graphs/formula_weights.h"
 #include "graphs/stages.h"
+#include "ops/fusion/fusion.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
@@ -123,7 +124,8 @@ TEST_CASE("the whole as one graph gives what the stages give") {
   g.output("A", whole.maps.visibility);
   g.output("I_bg", whole.background_image);
   g.output("D_bg", whole.background_disparity);
-  FastExecutor run(g, *slide_weights(models));
+  const auto fused = ops::fuse(g);
+  FastExecutor run(*fused, *slide_weights(models));
   run.run({{"image", scene.image}});
   CHECK(max_abs_difference(run.tensor("D"), staged.disparity) == 0);
   CHECK(max_abs_difference(run.tensor("A"), staged.visibility) == 0);
@@ -179,7 +181,8 @@ TEST_CASE(
   const SlideGraph whole =
       slide_graph(g.input("image", scene.image.shape()), models, resolve(wide.layering), m);
   g.output("I_bg", whole.background_image);
-  FastExecutor run(g, *slide_weights(models));
+  const auto fused = ops::fuse(g);
+  FastExecutor run(*fused, *slide_weights(models));
   run.run({{"image", scene.image}, {"M", matte}});
   REQUIRE(staged.has_background());
   CHECK(max_abs_difference(run.tensor("I_bg"), staged.background_image) == 0);

@@ -29,7 +29,10 @@ struct Pair {
       v.push_back(parts.input("x" + std::to_string(i), fused.inputs[i].shape()));
       inputs.emplace("x" + std::to_string(i), fused.inputs[i]);
     }
-    Value y = fusion.upsample_input ? ops::upsample_nearest(v[0], 2) : v[0];
+    Value y = v[0];
+    if (fusion.upsample_input == ops::Upsampling::kNearest) y = ops::upsample_nearest(y, 2);
+    if (fusion.upsample_input == ops::Upsampling::kBilinear)
+      y = ops::resize_bilinear(y, 2 * x[2], 2 * x[3], false);
     if (fusion.relu_input) y = ops::relu(y);
     y = fusion.gate ? ops::gated_conv2d(y, v[1], v[2], params) : ops::conv2d(y, v[1], v[2], params);
     if (fusion.residual && !fusion.residual_last) y = ops::add(y, v[3]);
@@ -122,17 +125,33 @@ TEST_CASE("a convolution of an upsampled image is computed from the small image"
   const ops::Conv2dParams same = ops::Conv2dParams::same(3);
   for (const auto& [height, width] : {std::pair{1, 1}, {2, 3}, {7, 30}, {24, 24}}) {
     const Shape x{1, 20, height, width};
-    Pair(x, {18, 20, 3, 3}, same, {.upsample_input = true}).check();
-    Pair(x, {24, 20, 3, 3}, same, {.upsample_input = true, .gate = true}).check();
+    Pair(x, {18, 20, 3, 3}, same, {.upsample_input = ops::Upsampling::kNearest}).check();
+    Pair(x, {24, 20, 3, 3}, same, {.upsample_input = ops::Upsampling::kNearest, .gate = true}).check();
     Pair(x, {18, 20, 3, 3}, same,
          {.relu_input = true,
-          .upsample_input = true,
+          .upsample_input = ops::Upsampling::kNearest,
           .residual = true,
           .activation = unary(ops::UnaryKind::kRelu)})
         .check();
   }
   // Lines of tiles of Winograd that are cut into segments, which begin between two equal columns.
-  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.relu_input = true, .upsample_input = true}).check();
+  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.relu_input = true, .upsample_input = ops::Upsampling::kNearest}).check();
+}
+
+TEST_CASE("a convolution of a bilinearly upsampled image is computed from the small image") {
+  const ops::Conv2dParams same = ops::Conv2dParams::same(3);
+  constexpr auto kBilinear = ops::Upsampling::kBilinear;
+  for (const auto& [height, width] : {std::pair{5, 6}, {7, 30}, {24, 24}, {4, 1}, {1, 33}}) {
+    CAPTURE(width);
+    const Shape x{2, 20, 2 * height, 2 * width};
+    Pair(x, {18, 20, 3, 3}, same, {.upsample_input = kBilinear}).check();
+    Pair(x, {24, 20, 3, 3}, same, {.upsample_input = kBilinear, .gate = true}).check();
+    Pair({1, 40, 2 * height, 2 * width + 1}, {36, 40, 3, 3}, same,
+         {.upsample_input = kBilinear, .residual = true, .activation = unary(ops::UnaryKind::kRelu)})
+        .check();
+  }
+  // Lines of tiles that are cut into segments, which begin between two columns of one.
+  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.upsample_input = kBilinear}).check();
 }
 
 TEST_CASE("a residual must have the output's shape") {

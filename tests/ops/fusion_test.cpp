@@ -376,8 +376,42 @@ TEST_CASE("nearest upsampling by two is done by the 3x3 convolutions that read i
   const auto result = fused(n.graph);
   CHECK(types(*result) == Types{"conv2d", "gated_conv2d"});
   for (const std::string name : {"y", "z"}) {
-    CHECK(fusion_of(*result, name).upsample_input);
+    CHECK(fusion_of(*result, name).upsample_input == ops::Upsampling::kNearest);
     CHECK(fusion_of(*result, name).relu_input);
+  }
+}
+
+TEST_CASE("bilinear upsampling by two is done by the 3x3 convolutions that read it, where Winograd pays") {
+  const auto types_of = [](std::int64_t channels, bool align_corners, bool relu_between) {
+    Graph g;
+    const Value x = g.input("x", {1, channels, 24, 20});
+    Value up = resize_bilinear(x, 48, 40, align_corners);
+    if (relu_between) up = relu(up);
+    g.output("y", conv2d(up, g.parameter("w", {channels, channels, 3, 3}), std::nullopt, Conv2dParams::same(3)));
+    return types(*fused(g, {}));
+  };
+  CHECK(types_of(24, false, false) == Types{"conv2d"});
+  CHECK(types_of(24, false, true) == Types{"resize", "conv2d"});  // cut off below zero after it
+  CHECK(types_of(24, true, false) == Types{"resize", "conv2d"});
+  CHECK(types_of(8, false, false) == Types{"resize", "conv2d"});
+}
+
+TEST_CASE("below zero is cut off before bilinear upsampling by a node of its own") {
+  Graph g;
+  const Value x = g.input("x", {1, 24, 24, 20});
+  g.output("y", conv2d(resize_bilinear(relu(x), 48, 40, false), g.parameter("w", {24, 24, 3, 3}), std::nullopt,
+                       Conv2dParams::same(3)));
+  CHECK(types(*fused(g)) == Types{"relu", "conv2d"});
+}
+
+TEST_CASE("upsampling to which something was added stays") {
+  for (const bool bilinear : {false, true}) {
+    Graph g;
+    const Value x = g.input("x", {1, 24, 24, 20});
+    const Value lateral = g.input("lateral", {1, 24, 48, 40});
+    const Value up = bilinear ? resize_bilinear(x, 48, 40, false) : upsample_nearest(x, 2);
+    g.output("y", conv2d(add(up, lateral), g.parameter("w", {24, 24, 3, 3}), std::nullopt, Conv2dParams::same(3)));
+    CHECK(types(*fused(g)) == Types{"resize", "conv2d"});
   }
 }
 
@@ -388,7 +422,7 @@ TEST_CASE("upsampling stays where it is not by two, not the nearest, or not read
     return types(*fused(n.graph)) == Types{"resize", "conv2d"};
   };
   CHECK(left([](Net& n) { return n.conv(upsample_nearest(n.x, 3), "a"); }));
-  CHECK(left([](Net& n) { return n.conv(resize_bilinear(n.x, 12, 16, false), "a"); }));
+  CHECK(left([](Net& n) { return n.conv(resize_bilinear(n.x, 12, 16, true), "a"); }));
   CHECK(left([](Net& n) { return n.conv(upsample_nearest(n.x, 2), "a", true, 5); }));
   for (const Conv2dParams& params : {Conv2dParams::same(3, 2), Conv2dParams::same(3, 1, 2), Conv2dParams{}})
     CHECK(left([&](Net& n) {

@@ -1,0 +1,79 @@
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+#include "ops/conv2d/conv2d_direct.h"
+#include "ops/conv2d/conv2d_few_filters.h"
+#include "ops/conv2d/conv2d_op.h"
+#include "ops/resize/resized_rows.h"
+
+namespace slide::ops {
+namespace {
+
+Conv2dFusion behind_upsampling(Conv2dFusion fusion) {
+  if (fusion.upsample_input == Upsampling::kBilinear) fusion.upsample_input = Upsampling::kNone;
+  return fusion;
+}
+
+/// Bytes of the image made of that one.
+std::size_t upsampled_bytes(const Nchw& image) {
+  return Tensor::aligned(static_cast<std::size_t>(4 * image.n * image.c * image.plane()) * sizeof(float));
+}
+
+}  // namespace
+
+Conv2dDirectInt8::Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
+                                   const Conv2dFusion& fusion)
+    : Conv2dDirect(routines, geometry, behind_upsampling(fusion), Precision::kInt8),
+      image_{geometry.batch, fusion.upsample_input == Upsampling::kBilinear ? geometry.ic : 0,
+             geometry.height / 2, geometry.width / 2},
+      resize_(resize_routines(routines.isa)) {}
+
+bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return Conv2dDirect::fits(g, behind_upsampling(fusion)) && g.group_ic >= 8 &&
+         !Conv2dFewFilters::beats_lower(g, fusion);
+}
+
+std::size_t Conv2dDirectInt8::scratch_bytes() const noexcept {
+  return upsampled_bytes(image_) + Conv2dDirect::scratch_bytes();
+}
+
+void Conv2dDirectInt8::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
+  if (image_.c == 0) return Conv2dDirect::run(arrays, scratch);
+  ResizeParams params;
+  params.size = {2 * image_.h, 2 * image_.w};
+  Conv2dArrays upsampled = arrays;
+  auto* to = static_cast<float*>(static_cast<void*>(scratch.data()));
+  resize_planes(resize_, ResizeOp(params), image_, arrays.x, nullptr, to);
+  upsampled.x = to;
+  Conv2dDirect::run(upsampled, scratch.subspan(upsampled_bytes(image_)));
+}
+
+void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
+                                   const Tensor& x, std::span<double> scale) {
+  std::vector<Tensor> wide;
+  for (const Tensor& t : inputs) {
+    wide.push_back(t.clone());
+    for (double& v : wide.back().mutable_data<double>()) v = std::fabs(v);
+  }
+  std::vector<double> products(scale.size());
+  conv2d_reference(g, wide, products);
+  double low = 0;
+  double high = 0;
+  for (const double v : x.data<double>()) {
+    low = std::min(low, v);
+    high = std::max(high, v);
+  }
+  for (double& v : wide[0].mutable_data<double>()) v += 1.001 * (high - low) / 255 / 2;
+  const std::span<double> w = wide[1].mutable_data<double>();
+  const auto depth = static_cast<std::size_t>(g.depth());
+  for (std::size_t o = 0; o < w.size(); o += depth) {
+    const double largest = *std::max_element(w.begin() + static_cast<std::ptrdiff_t>(o),
+                                             w.begin() + static_cast<std::ptrdiff_t>(o + depth));
+    for (std::size_t k = o; k < o + depth; ++k) w[k] += 1.001 * largest / 127 / 2;
+  }
+  conv2d_reference(g, wide, scale);
+  for (std::size_t i = 0; i < scale.size(); ++i) scale[i] += 0x1p-22 * scale[i] - products[i] + 0x1p-100;
+}
+
+}  // namespace slide::ops
