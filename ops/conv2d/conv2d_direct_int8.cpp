@@ -49,8 +49,8 @@ void Conv2dDirectInt8::run(const Conv2dArrays& arrays, std::span<std::byte> scra
   Conv2dDirect::run(upsampled, scratch.subspan(upsampled_bytes(image_)));
 }
 
-void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs,
-                                   const Tensor& x, std::span<double> scale) {
+void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, const Tensor& x,
+                                   std::span<double> scale) {
   std::vector<Tensor> wide;
   for (const Tensor& t : inputs) {
     wide.push_back(t.clone());

@@ -46,8 +46,9 @@ std::int64_t gathered_depth(std::int64_t depth, Isa isa) {
 }
 
 bool upsamples_3x3(const Conv2dGeometry& g, const Conv2dFusion& fusion) {
-  return fusion.upsample_input == Upsampling::kNearest && g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 &&
-         g.dilation_x == 1 && g.top == 1 && g.left == 1 && g.oheight == g.height && g.owidth == g.width;
+  return fusion.upsample_input == Upsampling::kNearest && g.kheight == 3 && g.kwidth == 3 &&
+         g.stride_y == 1 && g.stride_x == 1 && g.dilation_y == 1 && g.dilation_x == 1 && g.top == 1 &&
+         g.left == 1 && g.oheight == g.height && g.owidth == g.width;
 }
 
 bool possible(const Conv2dGeometry& g, const Conv2dFusion& fusion) {

@@ -22,7 +22,7 @@ enum class Upsampling {
 /// What a convolution may do beside convolving, in the order of the computation. A planner joins neighbours
 /// of a convolution into it (ops/fusion).
 struct Conv2dFusion {
-  bool relu_input = false;  ///< x is max(x, 0); not with bilinear upsampling
+  bool relu_input = false;                        ///< x is max(x, 0); not with bilinear upsampling
   Upsampling upsample_input = Upsampling::kNone;  ///< of x, before it is convolved
   bool residual = false;       ///< the last input, of the output's shape, is added to the sums and the bias
   bool residual_last = false;  ///< ... is added to the result of the activation instead

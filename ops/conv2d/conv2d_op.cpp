@@ -122,7 +122,8 @@ double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const 
 
 std::vector<Tensor> Conv2dOp::convolution_inputs(std::span<const Tensor> inputs) const {
   std::vector<Tensor> own(inputs.begin(), inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
-  if (fusion_.upsamples()) own[0] = upsampled(own[0], fusion_.upsample_input == Upsampling::kNearest ? 1 : 0.75);
+  if (fusion_.upsamples())
+    own[0] = upsampled(own[0], fusion_.upsample_input == Upsampling::kNearest ? 1 : 0.75);
   if (fusion_.relu_input) {
     own[0] = own[0].clone();
     for (double& v : own[0].mutable_data<double>()) v = v < 0 ? 0 : v;

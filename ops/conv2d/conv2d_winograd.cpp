@@ -333,7 +333,8 @@ void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> sc
 /// With `slots` threads, each with its part of memory. Within a thread of run(), with this one.
 void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                                    std::int64_t slots) const {
-  const float* x = arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
+  const float* x =
+      arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
   std::atomic<std::int64_t> next_word{0};
   parallel_for(slots, [&](std::int64_t slot) {
     for (std::int64_t k = next_word++; k < words_; k = next_word++)

@@ -21,12 +21,12 @@ struct WinogradInput {
   /// before that of the first two, but at the image's left edge, and end one after that of the last two, but
   /// at its right edge.
   const float* const* far_rows;
-  std::int64_t left;         ///< columns of zeros first
-  std::int64_t count;        ///< then input columns
-  std::int64_t used;         ///< then zeros, up to here
-  bool relu;                 ///< x is max(x, 0)
-  bool doubled;  ///< rows hold each two columns once; the first is the second of two if `odd`, not else
-  bool blended;  ///< the same, but the two are blends of a row's column and its neighbours'
+  std::int64_t left;   ///< columns of zeros first
+  std::int64_t count;  ///< then input columns
+  std::int64_t used;   ///< then zeros, up to here
+  bool relu;           ///< x is max(x, 0)
+  bool doubled;        ///< rows hold each two columns once; the first is the second of two if `odd`, not else
+  bool blended;        ///< the same, but the two are blends of a row's column and its neighbours'
   bool odd, left_edge, right_edge;
   std::int64_t dilation;  ///< horizontal
   std::int64_t tiles;     ///< of the line

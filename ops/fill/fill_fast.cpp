@@ -109,8 +109,7 @@ class Band {
 class PushPullKernel : public LevelKernel<PushPullFillOp, FillRoutines> {
  public:
   PushPullKernel(std::string_view name, const FillRoutines& routines)
-      : LevelKernel(name, routines),
-        resize_(resize_routines(routines.isa)) {}
+      : LevelKernel(name, routines), resize_(resize_routines(routines.isa)) {}
 
   /// The pyramid, the results of two levels, and a band for each thread.
   [[nodiscard]] std::size_t scratch_bytes(const Op& op, std::span<const Shape> inputs,

@@ -135,7 +135,9 @@ TEST_CASE("a convolution of an upsampled image is computed from the small image"
         .check();
   }
   // Lines of tiles of Winograd that are cut into segments, which begin between two equal columns.
-  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.relu_input = true, .upsample_input = ops::Upsampling::kNearest}).check();
+  Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same,
+       {.relu_input = true, .upsample_input = ops::Upsampling::kNearest})
+      .check();
 }
 
 TEST_CASE("a convolution of a bilinearly upsampled image is computed from the small image") {

@@ -387,7 +387,8 @@ TEST_CASE("bilinear upsampling by two is done by the 3x3 convolutions that read 
     const Value x = g.input("x", {1, channels, 24, 20});
     Value up = resize_bilinear(x, 48, 40, align_corners);
     if (relu_between) up = relu(up);
-    g.output("y", conv2d(up, g.parameter("w", {channels, channels, 3, 3}), std::nullopt, Conv2dParams::same(3)));
+    g.output("y",
+             conv2d(up, g.parameter("w", {channels, channels, 3, 3}), std::nullopt, Conv2dParams::same(3)));
     return types(*fused(g, {}));
   };
   CHECK(types_of(24, false, false) == Types{"conv2d"});
@@ -399,8 +400,8 @@ TEST_CASE("bilinear upsampling by two is done by the 3x3 convolutions that read 
 TEST_CASE("below zero is cut off before bilinear upsampling by a node of its own") {
   Graph g;
   const Value x = g.input("x", {1, 24, 24, 20});
-  g.output("y", conv2d(resize_bilinear(relu(x), 48, 40, false), g.parameter("w", {24, 24, 3, 3}), std::nullopt,
-                       Conv2dParams::same(3)));
+  g.output("y", conv2d(resize_bilinear(relu(x), 48, 40, false), g.parameter("w", {24, 24, 3, 3}),
+                       std::nullopt, Conv2dParams::same(3)));
   CHECK(types(*fused(g)) == Types{"relu", "conv2d"});
 }
 
@@ -410,7 +411,8 @@ TEST_CASE("upsampling to which something was added stays") {
     const Value x = g.input("x", {1, 24, 24, 20});
     const Value lateral = g.input("lateral", {1, 24, 48, 40});
     const Value up = bilinear ? resize_bilinear(x, 48, 40, false) : upsample_nearest(x, 2);
-    g.output("y", conv2d(add(up, lateral), g.parameter("w", {24, 24, 3, 3}), std::nullopt, Conv2dParams::same(3)));
+    g.output("y",
+             conv2d(add(up, lateral), g.parameter("w", {24, 24, 3, 3}), std::nullopt, Conv2dParams::same(3)));
     CHECK(types(*fused(g)) == Types{"resize", "conv2d"});
   }
 }
