@@ -48,15 +48,17 @@ constexpr std::int64_t kNearBytes =
 constexpr std::int64_t kSharedBytes = 8 << 20;
 constexpr std::int64_t kMostSharedBytes = 64 << 20;  // rather than more, weights are read more often
 constexpr std::int64_t kFilledEighths = 7;           // at least, of panels of filters as lanes
-// Where it is worth it, as measured against direct convolution. Large tiles have more weights to read and to
-// keep, which few tiles do not pay for; tiles that reach over the edge, or over that of a dilation's phase,
-// multiply in vain.
+// Where it is worth it, as measured against direct convolution. Tiles that reach over the edge, or over that
+// of a dilation's phase, multiply in vain.
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
 // Of fewer channels the transforms take most of the time, and they are the same in float32.
-constexpr std::int64_t kMinChannelsBf16 = 32;
+constexpr std::int64_t kMinChannelsBf16 = 32, kMinTilesBf16 = 24;
 // As measured against integers.
-constexpr std::int64_t kMinHarmonicChannels = 32, kMinTilesBf16 = 128;
-// So many weights take 18 MiB for large tiles, 8 for small ones: more than few tiles are worth.
+constexpr std::int64_t kMinHarmonicChannels = 32, kMinTilesOfHarmonic = 128;
+// So many weights come from memory, four times as many if they were transformed for large tiles: transformed
+// by each run they take a few per cent more time, or, where they let tiles be large, less.
+constexpr std::int64_t kLateWeights = 1 << 15, kMinTilesOfLate = 12;
+// So many take 18 MiB for large tiles, 8 for small ones: more than few tiles are worth.
 constexpr std::int64_t kManyWeights = 1 << 17, kMinTilesOfMany = 40;
 // Of 9 for an output. Where small tiles save but a third, their weights must not be many, but used often.
 constexpr double kMostProducts2 = 0.6, kMostProducts2OfFew = 0.65, kMostProducts = 0.4;
@@ -157,6 +159,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
       words_(divide_up(g_.ic, lanes_)),
       block_depth_(block_depth_for(words_)),
       few_tiles_(false),
+      late_(false),
       columns_(multiplier_.columns),
       panel_rows_(multiplier_.rows),
       part_depth_(std::max(kNearBytes / (columns_ * static_cast<std::int64_t>(sizeof(float))) / block_depth_,
@@ -197,6 +200,7 @@ void Conv2dWinogradBase::choose_order() noexcept {
     columns_ = std::min(columns_, round_up(divide_up(tiles, divide_up(tiles, columns_)), multiplier_.tiles));
     panel_rows_ = multiplier_.filters;
     part_depth_ = words_;
+    late_ = precision_ == Precision::kFp32 && strips() == 1 && g_.ic * g_.oc >= kLateWeights;
   }
   panels_ = divide_up(g_.oc, panel_rows_);
   strip_panels_ = divide_up(tiles, columns_);
@@ -222,7 +226,8 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
     const bool most = !many_weights && tiles >= kMinTilesOfMany;
     return tiles >= kMinTiles2 && products <= (most ? kMostProducts2OfFew : kMostProducts2) * direct;
   }
-  return tiles >= (many_weights ? kMinTilesOfMany : kMinTiles) && products <= kMostProducts * direct;
+  return tiles >= (g.ic * g.oc >= kLateWeights ? kMinTilesOfLate : kMinTiles) &&
+         products <= kMostProducts * direct;
 }
 
 template <int Tile>
@@ -234,11 +239,12 @@ template class Conv2dWinograd<4>;
 template class Conv2dWinograd<6>;
 
 bool Conv2dWinogradBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return pays(4, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16;
+  const std::int64_t least = g.ic * g.oc >= kManyWeights ? kMinTilesOfMany : kMinTilesBf16;
+  return pays(4, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16 && tiles_of(4, g) >= least;
 }
 
 bool Conv2dWinogradBf16::replaces_lower(const Conv2dGeometry& g) noexcept {
-  return g.ic * g.oc >= kMinHarmonicChannels * (g.ic + g.oc) && tiles_of(4, g) >= kMinTilesBf16;
+  return g.ic * g.oc >= kMinHarmonicChannels * (g.ic + g.oc) && tiles_of(4, g) >= kMinTilesOfHarmonic;
 }
 
 double Conv2dWinogradBase::error_factor() const noexcept {
@@ -298,7 +304,8 @@ std::int64_t Conv2dWinogradBase::products_size() const noexcept {
 /// may be read one vector beyond.
 std::int64_t Conv2dWinogradBase::work_size() const noexcept {
   const std::int64_t sums = 2 * (tile_ + 1) * tile_ * phase_size_;
-  const std::int64_t products = few_tiles_ ? panel_rows_ * product_stride_ : products_size() + sums;
+  std::int64_t products = products_size() + sums;
+  if (few_tiles_) products = late_ ? late_size() : panel_rows_ * product_stride_;
   return round_up(std::max({input_memory(g_, tile_, line_tiles_).total(tile_, lanes_),
                             products + 2 * kRowAlignment, sums + 2 * kRowAlignment}),
                   kRowAlignment);

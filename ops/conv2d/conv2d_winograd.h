@@ -70,6 +70,9 @@ class Conv2dWinogradBase {
     [[nodiscard]] std::int64_t tiles() const noexcept { return (last_line - first_line) * line_tiles; }
   };
   /// Adjacent tiles of one line and one panel, and the filters of a task.
+  static constexpr std::int64_t kPackedWords = 16;  // transformed together: in the first-level cache
+  // Of all frequencies, what is multiplied before the next words are transformed: in the second-level cache.
+  static constexpr std::int64_t kLateWords = 64;
   struct Run {
     std::int64_t image;
     std::int64_t row;                        // the first output row
@@ -88,10 +91,12 @@ class Conv2dWinogradBase {
     return v_size() + (few_tiles_ ? products_size() : 0);
   }
   [[nodiscard]] std::int64_t work_size() const noexcept;
+  [[nodiscard]] std::int64_t late_stride() const noexcept;
+  [[nodiscard]] std::int64_t late_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
   void list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
-                 std::int64_t channels, std::vector<double>& taps) const;
+                 std::int64_t channels, float* taps) const;
   void transform_channels(const Strip& strip, std::int64_t word, const float* x, float* v,
                           float* memory) const;
   void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
@@ -101,6 +106,8 @@ class Conv2dWinogradBase {
   void multiply_frequency(const Strip& strip, std::int64_t frequency, std::int64_t first_panel,
                           std::int64_t last_panel, const std::byte* packed, const float* v, float* products,
                           float* memory) const;
+  void multiply_late(const Strip& strip, std::int64_t panel, const std::byte* packed, const float* v,
+                     float* products, float* memory) const;
   void transform_panel(const Strip& strip, std::int64_t panel, std::int64_t first_filter,
                        std::int64_t last_filter, const float* products, const Conv2dArrays& arrays,
                        float* sums) const;
@@ -128,6 +135,7 @@ class Conv2dWinogradBase {
   std::int64_t words_;         // of a tile's frequency
   std::int64_t block_depth_;   // words of float32 summed before they are added to the sum
   bool few_tiles_;             // filters are lanes of products, and all products are kept
+  bool late_;                  // ... and the weights, which are many, transformed by each run
   std::int64_t columns_;       // of a panel of tiles
   std::int64_t panel_rows_;    // filters of a panel of weights
   std::int64_t part_depth_;    // words that are multiplied with all rows before the next; whole blocks

@@ -1,4 +1,5 @@
-// The weights of Winograd convolutions, transformed in float64 and packed once.
+// The weights of Winograd convolutions, transformed in float64 and packed once; or, for few tiles, packed as
+// they are and transformed by each run.
 
 #include <algorithm>
 #include <array>
@@ -29,13 +30,7 @@ WinogradFilters winograd_filters_at(Isa isa, int pairs) {
   return (found != nullptr ? found : baseline::winograd_filters_of)[pairs - 1];
 }
 
-namespace {
-
-constexpr std::int64_t kListedRows = 8;    // read together: filters often lie in the same lines of the cache
-constexpr std::int64_t kFetched = 16 * 9;  // numbers ahead: a filter's next words
-constexpr std::int64_t kPackedWords = 16;  // transformed together: their taps in the first-level cache
-
-WinogradFilterMatrix filter_matrix(int tile) {
+WinogradFilterMatrix winograd_filter_matrix(int tile) {
   const WinogradMatrices matrices = winograd_matrices(winograd_pairs(tile));
   WinogradFilterMatrix g{tile / 2, matrices.g[0][0], {}, {}, {}};
   for (int k = 0; k < g.pairs; ++k) {
@@ -47,6 +42,10 @@ WinogradFilterMatrix filter_matrix(int tile) {
   return g;
 }
 
+namespace {
+
+constexpr std::int64_t kListedRows = 8;    // read together: filters often lie in the same lines of the cache
+constexpr std::int64_t kFetched = 16 * 9;  // numbers ahead: a filter's next words
 /// Words of two bfloat16: the first channel's numbers, then the second's.
 void join_words(const float* channels, std::int64_t count, float* words) {
   for (std::int64_t i = 0; i < count; ++i)
@@ -56,17 +55,25 @@ void join_words(const float* channels, std::int64_t count, float* words) {
 }  // namespace
 
 std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
-  return static_cast<std::size_t>(frequencies_ * panels_ * words_ * panel_rows_) * sizeof(float);
+  return static_cast<std::size_t>((late_ ? 9 : frequencies_) * panels_ * words_ * panel_rows_) *
+         sizeof(float);
 }
 
-/// U as [frequency][part of the words][panel][word][row], zeros below the last filter.
+/// U as [frequency][part of the words][panel][word][row], zeros below the last filter. Late, the taps as
+/// [panel][kPackedWords words][tap][word][row].
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = panel_rows_;
-  const WinogradFilterMatrix g = filter_matrix(tile_);
+  const WinogradFilterMatrix g = winograd_filter_matrix(tile_);
   const WinogradFilters transform = winograd_filters_at(routines_.isa, tile_ / 2);
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
-    std::vector<double> taps(static_cast<std::size_t>(9 * kPackedWords * lanes_ * rows));
+    if (late_) {
+      for (std::int64_t k = 0; k < words_; k += kPackedWords)
+        list_taps(weight, panel * rows, k, std::min(kPackedWords, words_ - k),
+                  to + (panel * words_ + k) * 9 * rows);
+      return;
+    }
+    std::vector<float> taps(static_cast<std::size_t>(9 * kPackedWords * lanes_ * rows));
     // Frequencies may lie at a distance of powers of two: whole lines, written once, stay out of each other's
     // way.
     std::vector<float> u(static_cast<std::size_t>(frequencies_ * kPackedWords * lanes_ * rows));
@@ -75,7 +82,7 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
       const std::int64_t depth = std::min(part_depth_, words_ - part);
       const std::int64_t words = std::min(kPackedWords, part + depth - k);
       const std::int64_t count = words * lanes_ * rows;
-      list_taps(weight, panel * rows, k * lanes_, words * lanes_, taps);
+      list_taps(weight, panel * rows, k * lanes_, words * lanes_, taps.data());
       float* first = to + (part * panels_ + panel * depth + k - part) * rows;
       transform(g, taps.data(), count, u.data(), count);
       for (std::int64_t f = 0; f < frequencies_; ++f) {
@@ -94,10 +101,10 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
 /// Tap t of channel first_channel + n and row first_row + m is taps[(t·channels + n)·rows + m], zero where
 /// there is no such filter or channel.
 void Conv2dWinogradBase::list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
-                                   std::int64_t channels, std::vector<double>& taps) const {
+                                   std::int64_t channels, float* taps) const {
   const std::int64_t rows = panel_rows_;
   const std::int64_t used = std::clamp<std::int64_t>(g_.ic - first_channel, 0, channels);
-  if (used < channels || first_row + rows > g_.oc) std::ranges::fill(taps, 0.0);
+  if (used < channels || first_row + rows > g_.oc) std::fill_n(taps, 9 * channels * rows, 0.0F);
   const std::int64_t last_row = std::min(first_row + rows, g_.oc);
   for (std::int64_t begin = first_row; begin < last_row; begin += kListedRows) {
     std::array<const float*, kListedRows> filters{};
@@ -109,9 +116,8 @@ void Conv2dWinogradBase::list_taps(const float* weight, std::int64_t first_row, 
       for (std::int64_t m = 0; m < count; ++m)
         __builtin_prefetch(filters[static_cast<std::size_t>(m)] + n * 9 + kFetched);
       for (std::int64_t tap = 0; tap < 9; ++tap) {
-        double* line = taps.data() + (tap * channels + n) * rows + begin - first_row;
-        for (std::int64_t m = 0; m < count; ++m)
-          line[m] = static_cast<double>(filters[static_cast<std::size_t>(m)][n * 9 + tap]);
+        float* line = taps + (tap * channels + n) * rows + begin - first_row;
+        for (std::int64_t m = 0; m < count; ++m) line[m] = filters[static_cast<std::size_t>(m)][n * 9 + tap];
       }
     }
   }

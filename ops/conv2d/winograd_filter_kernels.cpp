@@ -1,5 +1,5 @@
 // Filters for Winograd convolutions: lanes are filters. A pair of points ±p shares the even and the odd half
-// of its two rows of G. The loops over lanes have a constant length, so that compilers make vectors of them.
+// of its two rows of G. Vectors are the compilers' own, of any length: they make of one what the level has.
 
 #include "ops/conv2d/winograd_filters.h"
 #include "ops/simd/simd.h"
@@ -8,50 +8,68 @@ namespace slide::ops::SLIDE_ISA {
 namespace {
 
 constexpr int kLanes = 8;
+using Doubles [[gnu::vector_size(kLanes * sizeof(double))]] = double;
+using Floats [[gnu::vector_size(kLanes * sizeof(float))]] = float;
 
-/// y[i] = G[i] · (a, b, c).
+SLIDE_INLINE void load(const float* taps, Doubles& x) {
+#if defined(__AVX512F__)
+  // The other form becomes five instructions, and of the unmasked one GCC 12 fears it to be uninitialised.
+  x = _mm512_maskz_cvtps_pd(0xFF, _mm256_loadu_ps(taps));
+#else
+  Floats narrow;
+  __builtin_memcpy(&narrow, taps, sizeof narrow);
+  x = __builtin_convertvector(narrow, Doubles);
+#endif
+}
+
+/// y[i] = G[i] · (x[0], x[1], x[2]).
 template <int Pairs>
-SLIDE_INLINE void multiply(const WinogradFilterMatrix& g, const double* a, const double* b, const double* c,
-                           double (&y)[2 * Pairs + 2][kLanes]) {
-  for (int n = 0; n < kLanes; ++n) y[0][n] = g.zero * a[n];
-  for (int k = 0; k < Pairs; ++k)
-    for (int n = 0; n < kLanes; ++n) {
-      const double even = g.one[k] * a[n] + g.square[k] * c[n];
-      const double odd = g.first[k] * b[n];
-      y[2 * k + 1][n] = even + odd;
-      y[2 * k + 2][n] = even - odd;
-    }
-  for (int n = 0; n < kLanes; ++n) y[2 * Pairs + 1][n] = c[n];
+SLIDE_INLINE void multiply(const WinogradFilterMatrix& g, const Doubles (&x)[3],
+                           Doubles (&y)[2 * Pairs + 2]) {
+  y[0] = g.zero * x[0];
+  for (int k = 0; k < Pairs; ++k) {
+    const Doubles even = g.one[k] * x[0] + g.square[k] * x[2];
+    const Doubles odd = g.first[k] * x[1];
+    y[2 * k + 1] = even + odd;
+    y[2 * k + 2] = even - odd;
+  }
+  y[2 * Pairs + 1] = x[2];
 }
 
 /// kLanes filters, of which `count` are written.
 template <int Pairs>
-SLIDE_INLINE void transform_lanes(const WinogradFilterMatrix& g, const double* taps, std::int64_t stride,
+SLIDE_INLINE void transform_lanes(const WinogradFilterMatrix& g, const float* taps, std::int64_t stride,
                                   std::int64_t count, float* u, std::int64_t frequency_stride) {
   constexpr int kSide = 2 * Pairs + 2;
-  double columns[3][kSide][kLanes];
-  for (int v = 0; v < 3; ++v)
-    multiply<Pairs>(g, taps + v * stride, taps + (3 + v) * stride, taps + (6 + v) * stride, columns[v]);
+  Doubles columns[kSide][3];
+  for (int v = 0; v < 3; ++v) {
+    Doubles x[3], y[kSide];
+    for (int k = 0; k < 3; ++k) load(taps + (3 * k + v) * stride, x[k]);
+    multiply<Pairs>(g, x, y);
+    for (int i = 0; i < kSide; ++i) columns[i][v] = y[i];
+  }
   for (int i = 0; i < kSide; ++i) {
-    double row[kSide][kLanes];
-    multiply<Pairs>(g, columns[0][i], columns[1][i], columns[2][i], row);
+    Doubles y[kSide];
+    multiply<Pairs>(g, columns[i], y);
     for (int j = 0; j < kSide; ++j, u += frequency_stride) {
+      const Floats narrow = __builtin_convertvector(y[j], Floats);
       if (count == kLanes)
-        for (int n = 0; n < kLanes; ++n) u[n] = static_cast<float>(row[j][n]);
+        __builtin_memcpy(u, &narrow, sizeof narrow);
       else
-        for (int n = 0; n < count; ++n) u[n] = static_cast<float>(row[j][n]);
+        __builtin_memcpy(u, &narrow, static_cast<std::size_t>(count) * sizeof(float));
     }
   }
 }
 
 template <int Pairs>
-void transform(const WinogradFilterMatrix& g, const double* taps, std::int64_t count, float* u,
+void transform(const WinogradFilterMatrix& filter_matrix, const float* taps, std::int64_t count, float* u,
                std::int64_t frequency_stride) {
+  const WinogradFilterMatrix g = filter_matrix;  // stores cannot change it, as the compiler knows
   std::int64_t n = 0;
   for (; n + kLanes <= count; n += kLanes)
     transform_lanes<Pairs>(g, taps + n, count, kLanes, u + n, frequency_stride);
   if (n == count) return;
-  double last[9 * kLanes] = {};
+  float last[9 * kLanes] = {};
   for (int t = 0; t < 9; ++t)
     for (std::int64_t i = n; i < count; ++i) last[t * kLanes + i - n] = taps[t * count + i];
   transform_lanes<Pairs>(g, last, kLanes, count - n, u + n, frequency_stride);

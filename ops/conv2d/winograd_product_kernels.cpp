@@ -225,8 +225,8 @@ void multiply_filters(const WinogradFilterProduct& p) {
   for (std::int64_t k = 0; k < p.depth; k += part) {
     tiles.a = p.a + k * kFilters;
     tiles.depth = p.depth - k < part ? p.depth - k : part;
-    tiles.add = k > 0;
-    tiles.ahead = tiles.a + tiles.depth * kFilters;
+    tiles.add = p.add || k > 0;
+    tiles.ahead = p.ahead + k * kFilters;
     tiles.next_b = p.b + k * p.columns;
     for (std::int64_t t = 0; t < p.tiles;) {
       const std::int64_t column = t % p.columns;
@@ -242,7 +242,7 @@ void multiply_filters(const WinogradFilterProduct& p) {
       t = next;
     }
   }
-  transpose_sums(p);
+  if (p.last) transpose_sums(p);
 }
 
 }  // namespace

@@ -85,13 +85,16 @@ struct WinogradProduct {
 
 /// The same sums, in the same order, for one panel of `filters` rows and all columns: c[m, j] is the sum over
 /// k < depth of a[k][m] · b[j / columns][k][j % columns], for all m < row_count and j < tiles rounded up to a
-/// multiple of the vector width.
+/// multiple of the vector width. Sums of a depth in parts of whole blocks are as those of it at once.
 struct WinogradFilterProduct {
-  const float* a;  ///< one panel of words; what follows it is fetched into the second-level cache
-  const float* b;  ///< panels of an even number of columns
+  const float* a;      ///< one panel of words
+  const float* ahead;  ///< as many numbers are fetched into the second-level cache
+  const float* b;      ///< panels of an even number of columns
   std::int64_t columns, panel_stride;
   std::int64_t depth, block;  ///< words
   std::int64_t tiles;
+  bool add;     ///< to what the sums were
+  bool last;    ///< the sums are written to c
   float* sums;  ///< memory for [j][m], for j < tiles rounded up to kRowAlignment
   float* c;     ///< rows c_stride apart
   std::int64_t c_stride;
