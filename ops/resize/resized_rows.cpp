@@ -57,7 +57,7 @@ void ResizedRows::write(std::int64_t i, float* y, const float* residual) {
 
 void resize_planes(const ResizeRoutines& routines, const ResizeOp& op, const Nchw& in, const float* x,
                    const float* residual, float* y) {
-  const auto [height, width] = op.params().size;
+  const std::int64_t height = op.params().size[0], width = op.params().size[1];
   const ResizeTables tables(op, in.h, in.w);
   const std::int64_t tasks = (height + kRowsPerTask - 1) / kRowsPerTask;
   for_ranges(in.n * in.c * tasks, 1, [&](std::int64_t task, std::int64_t) {

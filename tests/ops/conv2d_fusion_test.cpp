@@ -144,7 +144,6 @@ TEST_CASE("a convolution of a bilinearly upsampled image is computed from the sm
   const ops::Conv2dParams same = ops::Conv2dParams::same(3);
   constexpr auto kBilinear = ops::Upsampling::kBilinear;
   for (const auto& [height, width] : {std::pair{5, 6}, {7, 30}, {24, 24}, {4, 1}, {1, 33}}) {
-    CAPTURE(width);
     const Shape x{2, 20, 2 * height, 2 * width};
     Pair(x, {18, 20, 3, 3}, same, {.upsample_input = kBilinear}).check();
     Pair(x, {24, 20, 3, 3}, same, {.upsample_input = kBilinear, .gate = true}).check();
