@@ -26,6 +26,7 @@ namespace slide::ops {
 /// Error: with n = m / 2 pairs of points, a product meets n roundings in each of the input's two transforms,
 /// one of the transformed weight, those of its sum (blocks of block_depth channels, see Conv2dGemm), n + 1 in
 /// each of the output's two and one of the bias; without fused multiply-add 2·n and n + 2 in a transform.
+/// Bilinear upsampling adds one rounding in each direction, two without fused multiply-add.
 /// They are relative to
 ///   s = |Aᵀ| [(|G| |w| |Gᵀ|) ⊙ (|Bᵀ| |x| |B|) summed over the channels] |A| + |b|
 /// (error_scale()), not to |w| ∗ |x|: |y - y64| <= c·u·s. Sums of large numbers of both signs may come out
@@ -121,12 +122,15 @@ class Conv2dWinogradBase {
   const WinogradMultiplier& multiplier_;
   const WinogradTransforms& transforms_;
   Precision precision_;
+  Upsampling upsampling_;
   Conv2dGeometry g_;
   bool gated_, relu_input_;
-  Upsampling upsampling_;
   bool finishes_rows_;  // the output transform does, with residual and clamp
   bool non_temporal_;   // ... in stores that bypass the caches
   bool residual_last_;
+  bool few_tiles_;  // filters are lanes of products, and all products are kept
+  bool late_;       // ... and the weights, which are many, transformed by each run
+  bool shared_;     // all threads work on a strip, else each on its own
   Conv2dEpilogue epilogue_;
   int tile_;                  // m
   std::int64_t frequencies_;  // (m + 2)²
@@ -134,8 +138,6 @@ class Conv2dWinogradBase {
   std::int64_t lanes_;         // channels of a word
   std::int64_t words_;         // of a tile's frequency
   std::int64_t block_depth_;   // words of float32 summed before they are added to the sum
-  bool few_tiles_;             // filters are lanes of products, and all products are kept
-  bool late_;                  // ... and the weights, which are many, transformed by each run
   std::int64_t columns_;       // of a panel of tiles
   std::int64_t panel_rows_;    // filters of a panel of weights
   std::int64_t part_depth_;    // words that are multiplied with all rows before the next; whole blocks
@@ -145,7 +147,6 @@ class Conv2dWinogradBase {
   std::int64_t segments_;      // of a line
   std::int64_t strip_lines_;   // lines transformed together; 1 if they have segments
   std::int64_t strip_panels_;  // their panels of tiles
-  bool shared_;                // all threads work on a strip, else each on its own
   std::int64_t panels_;        // of weights
   std::int64_t task_panels_;   // of weights, in a task
   std::int64_t task_columns_;  // panels of tiles in a task

@@ -165,9 +165,19 @@ TEST_CASE("Winograd convolutions of few tiles keep their bound, whatever tiles a
                  {.relu_input = true, .residual = true, .residual_last = true, .activation = relu6})) > 0);
 }
 
-TEST_CASE("a filter's result is the same in a product with filters as lanes and in one with tiles as lanes") {
-  // 64 filters fill panels of lanes, 33 do not.
-  const Call many = conv({1, 300, 9, 12}, 64, ops::Conv2dParams::same(3));
+TEST_CASE("Winograd convolutions of few tiles keep their bound where weights are transformed by each run") {
+  const auto relu6 = std::make_shared<const ops::UnaryOp>(ops::UnaryKind::kRelu6);
+  const ops::Conv2dParams same = ops::Conv2dParams::same(3);
+  CHECK(check_winograd(conv({1, 300, 13, 18}, 124, same)) > 0);
+  CHECK(check_winograd(conv({1, 130, 19, 9}, 256, ops::Conv2dParams::same(3, 1, 2), {.gate = true})) > 0);
+  CHECK(check_winograd(
+            conv({1, 512, 8, 8}, 64, same, {.relu_input = true, .residual = true, .activation = relu6})) > 0);
+}
+
+namespace {
+
+void check_same_filters(std::int64_t filters) {
+  const Call many = conv({1, 300, 9, 12}, filters, ops::Conv2dParams::same(3));
   Call few = conv({1, 300, 9, 12}, 33, ops::Conv2dParams::same(3));
   for (std::size_t k = 1; k < 3; ++k) {
     const std::span<double> to = few.inputs[k].mutable_data<double>();
@@ -186,6 +196,12 @@ TEST_CASE("a filter's result is the same in a product with filters as lanes and 
     const std::vector<float> all = result(many, *kernel), some = result(few, *kernel);
     CHECK(std::equal(some.begin(), some.end(), all.begin()));
   }
+}
+
+TEST_CASE(
+    "a filter's result is the same with filters or tiles as lanes, its weights transformed before or late") {
+  check_same_filters(64);   // fill panels of lanes, which 33 do not
+  check_same_filters(124);  // late
 }
 
 TEST_CASE("Winograd convolutions fuse what a planner asks for") {
