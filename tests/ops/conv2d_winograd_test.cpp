@@ -198,6 +198,8 @@ void check_same_filters(std::int64_t filters) {
   }
 }
 
+}  // namespace
+
 TEST_CASE(
     "a filter's result is the same with filters or tiles as lanes, its weights transformed before or late") {
   check_same_filters(64);   // fill panels of lanes, which 33 do not
