@@ -1,3 +1,6 @@
+// What sets 8-bit integers apart from the other words of direct convolutions: bilinear upsampling before it,
+// and what their error is measured against.
+
 #include <algorithm>
 #include <cmath>
 #include <vector>

@@ -70,10 +70,10 @@ class Conv2dWinogradBase {
 
     [[nodiscard]] std::int64_t tiles() const noexcept { return (last_line - first_line) * line_tiles; }
   };
-  /// Adjacent tiles of one line and one panel, and the filters of a task.
   static constexpr std::int64_t kPackedWords = 16;  // transformed together: in the first-level cache
   // Of all frequencies, what is multiplied before the next words are transformed: in the second-level cache.
   static constexpr std::int64_t kLateWords = 64;
+  /// Adjacent tiles of one line and one panel, and the filters of a task.
   struct Run {
     std::int64_t image;
     std::int64_t row;                        // the first output row
