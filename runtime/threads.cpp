@@ -12,7 +12,7 @@
 namespace slide {
 namespace {
 
-constexpr std::int64_t kRangesPerTaker = 32;  // so that at most that part of the work is waited for
+constexpr std::int64_t kRangesPerPart = 32;  // so that at most such a share of a part is waited for
 
 std::atomic<int> wanted_threads{0};
 
@@ -58,11 +58,23 @@ int thread_count() noexcept {
 void set_thread_count(int count) noexcept { wanted_threads = count; }
 
 WorkRanges::WorkRanges(std::int64_t n, std::int64_t takers) noexcept
-    : n_(n), size_(std::max<std::int64_t>(1, n / (takers * kRangesPerTaker))) {}
+    : parts_(std::clamp<std::int64_t>(n, 1, std::min(std::max<std::int64_t>(takers, 1), kMostParts))),
+      size_(std::max<std::int64_t>(1, n / (parts_ * kRangesPerPart))) {
+  for (std::int64_t i = 0; i < parts_; ++i) {
+    Part& part = part_[static_cast<std::size_t>(i)];
+    part.next.store(n * i / parts_, std::memory_order_relaxed);
+    part.end = n * (i + 1) / parts_;
+  }
+}
 
-WorkRanges::Range WorkRanges::take() noexcept {
-  const std::int64_t first = next_.fetch_add(size_, std::memory_order_relaxed);
-  return {std::min(first, n_), std::min(first + size_, n_)};
+WorkRanges::Range WorkRanges::take(std::int64_t taker) noexcept {
+  for (std::int64_t i = 0; i < parts_; ++i) {
+    Part& part = part_[static_cast<std::size_t>((taker + i) % parts_)];
+    if (part.next.load(std::memory_order_relaxed) >= part.end) continue;
+    const std::int64_t first = part.next.fetch_add(size_, std::memory_order_relaxed);
+    if (first < part.end) return {first, std::min(first + size_, part.end)};
+  }
+  return {};
 }
 
 int thread_index() noexcept { return omp_get_thread_num(); }
@@ -84,7 +96,8 @@ void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body)
     const std::uint64_t worker_mode = float_mode();
     set_float_mode(mode);
     try {
-      for (WorkRanges::Range r = ranges.take(); r.first < r.last && !failed; r = ranges.take())
+      const int self = omp_get_thread_num();
+      for (WorkRanges::Range r = ranges.take(self); r.first < r.last && !failed; r = ranges.take(self))
         for (std::int64_t i = r.first; i < r.last; ++i) body(i);
     } catch (...) {
       const std::scoped_lock lock(failure_mutex);
@@ -94,6 +107,15 @@ void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body)
     set_float_mode(worker_mode);
   }
   if (failure) std::rethrow_exception(failure);
+}
+
+void parallel_for(std::int64_t n, std::int64_t slots,
+                  const std::function<void(std::int64_t, std::int64_t)>& body) {
+  WorkRanges ranges(n, slots);
+  parallel_for(std::min(n, slots), [&](std::int64_t slot) {
+    for (WorkRanges::Range r = ranges.take(slot); r.first < r.last; r = ranges.take(slot))
+      for (std::int64_t i = r.first; i < r.last; ++i) body(i, slot);
+  });
 }
 
 FlushDenormals::FlushDenormals() noexcept : saved_(float_mode()) { set_float_mode(saved_ | kFlushBits); }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <atomic>
 #include <cstdint>
 #include <functional>
@@ -11,28 +12,39 @@ namespace slide {
 /// Sets it; values below 1 mean the default again.
 void set_thread_count(int count) noexcept;
 
-/// Calls body(i) once for every i in [0, n), in parallel, in consecutive WorkRanges. Which thread runs which
+/// Calls body(i) once for every i in [0, n), in parallel, in WorkRanges. Which thread runs which
 /// i is not defined, so body must write only what belongs to i; then the result is the same at any thread
 /// count. The first exception thrown by a body is rethrown here, after all running bodies have ended. Nested
 /// calls run on the calling thread. Denormals are flushed to zero only if the caller's mode says so: the
 /// workers take over the caller's floating-point mode.
 void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body);
 
-/// Hands out [0, n) in consecutive ranges to threads that ask for work: 32 or more for each of `takers`, of
-/// one element if there are few. A counter that two cores increase costs a tenth of a microsecond, as much as
-/// a small task.
+/// The same with body(i, slot), on at most `slots` threads: slot, in [0, slots), tells which memory of its own
+/// a thread may use meanwhile.
+void parallel_for(std::int64_t n, std::int64_t slots,
+                  const std::function<void(std::int64_t, std::int64_t)>& body);
+
+/// Hands out [0, n) to threads that ask for work. Each has a part, consecutive elements, which it takes in
+/// order, and then helps the others with theirs. So what a thread does mostly lies together, at the same
+/// place in each layer of a network, in its own caches, and no counter travels between cores until the end: where
+/// they do not share a cache, that takes as long as a small task.
 class WorkRanges {
  public:
   struct Range {
     std::int64_t first, last;
   };
   WorkRanges(std::int64_t n, std::int64_t takers) noexcept;
-  /// The next one; empty at the end.
-  [[nodiscard]] Range take() noexcept;
+  /// The next one for thread `taker` >= 0; empty at the end.
+  [[nodiscard]] Range take(std::int64_t taker) noexcept;
 
  private:
-  std::int64_t n_, size_;
-  std::atomic<std::int64_t> next_{0};
+  static constexpr std::int64_t kMostParts = 64;  // shared by more takers
+  struct alignas(64) Part {                       // a cache line each
+    std::atomic<std::int64_t> next;
+    std::int64_t end;
+  };
+  std::int64_t parts_, size_;
+  std::array<Part, kMostParts> part_;
 };
 
 /// The index of the calling thread within the running parallel_for, in [0, thread_count()); 0 outside of one.

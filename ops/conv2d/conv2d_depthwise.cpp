@@ -203,7 +203,7 @@ void Conv2dDepthwise::run(const Conv2dArrays& arrays, std::span<std::byte> scrat
     float* sums = padded + padded_size();
     // Read, and dropped; or zeros around planes.
     std::fill(joined_ ? padded : sums - kRowAlignment - kRowAlignment, sums, 0.0F);
-    for (auto range = planes.take(); range.first < range.last; range = planes.take())
+    for (auto range = planes.take(slot); range.first < range.last; range = planes.take(slot))
       for (std::int64_t plane = range.first; plane < range.last; ++plane)
         run_plane(plane, padded, arrays, sums);
   });

@@ -1,7 +1,6 @@
 #include "ops/conv2d/conv2d_direct.h"
 
 #include <algorithm>
-#include <atomic>
 
 #include "runtime/threads.h"
 
@@ -155,11 +154,10 @@ void Conv2dDirect::find_words(const Call& call, const Task& t, std::int64_t k, c
 }
 
 /// What the words k, ... are made of from position `first` of a strip on. Behind a task's last one come those
-/// of the task that this thread will probably take next.
+/// of the next task, which this thread will probably take.
 Conv2dDirect::Ahead Conv2dDirect::ahead_of(const Call& call, const Task& t, std::int64_t first,
                                            std::int64_t k) const noexcept {
   if (!fetches_) return {};
-  if (first == t.first + t.count) first = t.first + thread_count() * task_positions_;
   const std::int64_t count = std::min(tile_positions_, g_.oplane() - first);
   if (count <= 0) return {};
   const std::int64_t channel = t.group * g_.group_ic + k * lanes_;
@@ -221,15 +219,12 @@ void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch)
   float* const tasks = planes + shared_planes();
   const std::int64_t rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - (tasks - memory);
   const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size());
-  std::atomic<std::int64_t> next{0};
-  parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next++; i < task_count(); i = next++) {
-      float* own = tasks + slot * thread_size();
-      if (streaming_)
-        run_streaming(call, task(i), own);
-      else
-        run_gathered(call, task(i), own);
-    }
+  parallel_for(task_count(), slots, [&](std::int64_t i, std::int64_t slot) {
+    float* own = tasks + slot * thread_size();
+    if (streaming_)
+      run_streaming(call, task(i), own);
+    else
+      run_gathered(call, task(i), own);
   });
 }
 

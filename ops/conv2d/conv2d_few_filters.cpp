@@ -191,7 +191,7 @@ void Conv2dFewFilters::run(const Conv2dArrays& arrays, std::span<std::byte> scra
     float* sums = memory + slot * thread_size();
     float* zeros = sums + thread_size() - zeros_size();
     std::fill_n(zeros, zeros_size(), 0.0F);
-    for (auto range = bands.take(); range.first < range.last; range = bands.take())
+    for (auto range = bands.take(slot); range.first < range.last; range = bands.take(slot))
       for (std::int64_t index = range.first; index < range.last; ++index)
         run_band(index, arrays, zeros, sums);
   });

@@ -1,7 +1,6 @@
 #include "ops/conv2d/conv2d_gemm.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
 #include "runtime/threads.h"
@@ -154,10 +153,8 @@ void Conv2dGemm::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) c
   const std::int64_t thread_size = (block_depth_ + task_panels_ * routines_.rows) * routines_.columns;
   auto* memory = static_cast<float*>(static_cast<void*>(scratch.data()));
   const std::int64_t slots = static_cast<std::int64_t>(scratch.size() / sizeof(float)) / thread_size;
-  std::atomic<std::int64_t> next{0};
-  parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next++; i < tasks; i = next++)
-      run_task(task(i), arrays, memory + slot * thread_size);
+  parallel_for(tasks, slots, [&](std::int64_t i, std::int64_t slot) {
+    run_task(task(i), arrays, memory + slot * thread_size);
   });
 }
 

@@ -8,7 +8,6 @@
 #include "ops/conv2d/conv2d_winograd.h"
 
 #include <algorithm>
-#include <atomic>
 #include <cmath>
 
 #include "ops/common/non_temporal.h"
@@ -330,11 +329,9 @@ void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> sc
     return;
   }
   const std::int64_t thread = v_size() + work_size();
-  std::atomic<std::int64_t> next{0};
-  parallel_for(size / thread, [&](std::int64_t slot) {
+  parallel_for(strips(), size / thread, [&](std::int64_t i, std::int64_t slot) {
     float* mine = memory + slot * thread;
-    for (std::int64_t i = next++; i < strips(); i = next++)
-      run_strip(strip(i), arrays, mine, mine + v_size(), 1);
+    run_strip(strip(i), arrays, mine, mine + v_size(), 1);
   });
 }
 
@@ -343,17 +340,12 @@ void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& array
                                    std::int64_t slots) const {
   const float* x =
       arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
-  std::atomic<std::int64_t> next_word{0};
-  parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t k = next_word++; k < words_; k = next_word++)
-      transform_channels(strip, k, x, v, memory + slot * work_size());
+  parallel_for(words_, slots, [&](std::int64_t k, std::int64_t slot) {
+    transform_channels(strip, k, x, v, memory + slot * work_size());
   });
   if (few_tiles_) return run_few_tiles(strip, arrays, v, v + v_size(), memory, slots);
-  const std::int64_t tasks = tasks_of(strip.panels);
-  std::atomic<std::int64_t> next_task{0};
-  parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next_task++; i < tasks; i = next_task++)
-      run_task(strip, i, arrays, v, memory + slot * work_size());
+  parallel_for(tasks_of(strip.panels), slots, [&](std::int64_t i, std::int64_t slot) {
+    run_task(strip, i, arrays, v, memory + slot * work_size());
   });
 }
 

@@ -5,7 +5,6 @@
 // that memory holds and delivers nine numbers instead of sixteen or thirty-six.
 
 #include <algorithm>
-#include <atomic>
 
 #include "ops/common/non_temporal.h"
 #include "ops/conv2d/conv2d_winograd.h"
@@ -28,27 +27,19 @@ void Conv2dWinogradBase::run_few_tiles(const Strip& strip, const Conv2dArrays& a
   const std::int64_t task_panels = std::max<std::int64_t>(kTaskFilters / panel_rows_, 1);
   const std::int64_t groups = divide_up(panels_, task_panels);
   const std::int64_t tasks = late_ ? panels_ : frequencies_ * groups;
-  std::atomic<std::int64_t> next_product{0};
-  parallel_for(slots, [&](std::int64_t slot) {
-    for (std::int64_t i = next_product++; i < tasks; i = next_product++) {
-      if (late_) {
-        multiply_late(strip, i, arrays.packed, v, products, memory + slot * work_size());
-        continue;
-      }
-      const std::int64_t first_panel = i % groups * task_panels;
-      multiply_frequency(strip, i / groups, first_panel, std::min(first_panel + task_panels, panels_),
-                         arrays.packed, v, products, memory + slot * work_size());
-    }
+  parallel_for(tasks, slots, [&](std::int64_t i, std::int64_t slot) {
+    float* own = memory + slot * work_size();
+    if (late_) return multiply_late(strip, i, arrays.packed, v, products, own);
+    const std::int64_t first_panel = i % groups * task_panels;
+    multiply_frequency(strip, i / groups, first_panel, std::min(first_panel + task_panels, panels_),
+                       arrays.packed, v, products, own);
   });
-  std::atomic<std::int64_t> next_filter{0};
-  parallel_for(slots, [&](std::int64_t slot) {
+  parallel_for(divide_up(g_.oc, kOutputFilters), slots, [&](std::int64_t i, std::int64_t slot) {
     float* sums = memory + slot * work_size() + kRowAlignment;
-    for (std::int64_t i = next_filter++; i < divide_up(g_.oc, kOutputFilters); i = next_filter++) {
-      const std::int64_t first = i * kOutputFilters;
-      for (std::int64_t panel = 0; panel < strip.panels; ++panel)
-        transform_panel(strip, panel, first, std::min(first + kOutputFilters, g_.oc),
-                        products + first * product_row_ + panel * columns_, arrays, sums);
-    }
+    const std::int64_t first = i * kOutputFilters;
+    for (std::int64_t panel = 0; panel < strip.panels; ++panel)
+      transform_panel(strip, panel, first, std::min(first + kOutputFilters, g_.oc),
+                      products + first * product_row_ + panel * columns_, arrays, sums);
     if (non_temporal_) non_temporal_fence();
   });
 }

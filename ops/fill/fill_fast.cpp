@@ -193,18 +193,14 @@ class PushPullKernel : public LevelKernel<PushPullFillOp, FillRoutines> {
     ResizeParams enlargement;
     enlargement.size = {size.h, size.w};
     const ResizeTables tables(ResizeOp(enlargement), coarse.h, coarse.w);
-    WorkRanges work(s.n * s.c * bands, slots);
-    parallel_for(slots, [&](std::int64_t slot) {
-      for (auto range = work.take(); range.first < range.last; range = work.take())
-        for (std::int64_t task = range.first; task < range.last; ++task) {
-          const std::int64_t plane = task / bands;
-          const std::int64_t first = task % bands * rows;
-          ResizedRows enlarged(resize_, tables, below + plane * coarse.count());
-          Band(routines(), level.x + plane * size.count(), level.weight + plane / s.c * size.count(), size,
-               sweeps)
-              .make(enlarged, first, std::min(size.h, first + rows), memory.data() + slot * buffers,
-                    y + plane * size.count());
-        }
+    parallel_for(s.n * s.c * bands, slots, [&](std::int64_t task, std::int64_t slot) {
+      const std::int64_t plane = task / bands;
+      const std::int64_t first = task % bands * rows;
+      ResizedRows enlarged(resize_, tables, below + plane * coarse.count());
+      Band(routines(), level.x + plane * size.count(), level.weight + plane / s.c * size.count(), size,
+           sweeps)
+          .make(enlarged, first, std::min(size.h, first + rows), memory.data() + slot * buffers,
+                y + plane * size.count());
     });
   }
 
