@@ -68,14 +68,14 @@ struct Network {
 /// calibrated networks (slide_...) are expected to make is the worst of the calibration's photos, and the
 /// matte's sigmoid hides nearly all of it on a photo with a clear subject, where four pixels of five are all
 /// but 0 or 1: of the 1.5 % that plans of 8-bit integers may use up, 0.05 % are left. Gated networks, whose
-/// gates and saturated units hide most errors, are not calibrated here: of the eleven layers that make 1.2 %
-/// each in bfloat16, also of upsampled inputs, 0.15 % are left at the end.
+/// gates and saturated units hide most errors, are not calibrated here: of the 1.2 % that F(4) of bfloat16
+/// makes in each of thirteen layers, two of them of 24 channels, 0.15 % are left at the end.
 struct Expectation {
   const char* model;
   double under, over;
 };
 constexpr Expectation kExpectations[] = {
-    {"slide_depth", 1.2, 10}, {"slide_matte", 1.2, 40}, {"inpaint_coarse", 1.2, 25}};
+    {"slide_depth", 1.2, 10}, {"slide_matte", 1.2, 40}, {"inpaint_coarse", 1.2, 28}};
 
 bool same_bytes(const Tensor& a, const Tensor& b) {
   return a.bytes() == b.bytes() && std::memcmp(a.raw().data(), b.raw().data(), a.bytes()) == 0;
