@@ -19,15 +19,15 @@ void set_thread_count(int count) noexcept;
 /// workers take over the caller's floating-point mode.
 void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body);
 
-/// The same with body(i, slot), on at most `slots` threads: slot, in [0, slots), tells which memory of its own
-/// a thread may use meanwhile.
+/// The same with body(i, slot), on at most `slots` threads: slot, in [0, slots), tells which memory of its
+/// own a thread may use meanwhile.
 void parallel_for(std::int64_t n, std::int64_t slots,
                   const std::function<void(std::int64_t, std::int64_t)>& body);
 
 /// Hands out [0, n) to threads that ask for work. Each has a part, consecutive elements, which it takes in
 /// order, and then helps the others with theirs. So what a thread does mostly lies together, at the same
-/// place in each layer of a network, in its own caches, and no counter travels between cores until the end: where
-/// they do not share a cache, that takes as long as a small task.
+/// place in each layer of a network, in its own caches, and no counter travels between cores until the end:
+/// where they do not share a cache, that takes as long as a small task.
 class WorkRanges {
  public:
   struct Range {

@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+#include <atomic>
 #include <limits>
 #include <numeric>
 #include <vector>
@@ -19,6 +21,62 @@ TEST_CASE("parallel_for visits every index once at any thread count") {
     CHECK(*std::min_element(visits.begin(), visits.end()) == 1);
   }
   set_thread_count(0);
+}
+
+TEST_CASE(
+    "parallel_for with slots visits every index once, and no two threads have the same slot at a time") {
+  for (const int threads : {1, 2, 3, 8}) {
+    set_thread_count(threads);
+    for (const std::int64_t slots : {1, 2, 5, 100}) {
+      std::vector<int> visits(300, 0);
+      std::vector<std::atomic<int>> users(static_cast<std::size_t>(slots));
+      std::atomic<bool> alone{true};
+      parallel_for(300, slots, [&](std::int64_t i, std::int64_t slot) {
+        REQUIRE(slot >= 0);
+        REQUIRE(slot < slots);
+        if (++users[static_cast<std::size_t>(slot)] != 1) alone = false;
+        ++visits[static_cast<std::size_t>(i)];
+        --users[static_cast<std::size_t>(slot)];
+      });
+      CHECK(alone);
+      CHECK(std::accumulate(visits.begin(), visits.end(), 0) == 300);
+      CHECK(*std::min_element(visits.begin(), visits.end()) == 1);
+    }
+  }
+  set_thread_count(0);
+}
+
+TEST_CASE("a taker of work has a part of its own, in order, and then helps the others") {
+  WorkRanges ranges(200, 2);
+  std::int64_t at = 100;
+  for (; at < 200; ++at) {  // the second half, and then the first
+    const WorkRanges::Range range = ranges.take(1);
+    REQUIRE(range.first == at);
+    at = range.last - 1;
+  }
+  CHECK(ranges.take(0).first == 0);
+  CHECK(ranges.take(1).first > 0);
+  for (WorkRanges::Range range = ranges.take(1); range.first < range.last; range = ranges.take(1))
+    at = range.last;
+  CHECK(at == 100);
+  const WorkRanges::Range none = ranges.take(0);
+  CHECK(none.first == none.last);
+}
+
+TEST_CASE("work is handed out once, be there more takers than elements or parts, or none of either") {
+  for (const std::int64_t n : {0, 1, 7, 64, 1000})
+    for (const std::int64_t takers : {0, 1, 3, 65, 500}) {
+      CAPTURE(n);
+      CAPTURE(takers);
+      WorkRanges ranges(n, takers);
+      std::int64_t taken = 0, idle = 0;
+      for (std::int64_t taker = takers; idle <= takers; taker = taker == 0 ? takers : taker - 1) {
+        const WorkRanges::Range range = ranges.take(taker);
+        taken += range.last - range.first;
+        idle = range.first < range.last ? 0 : idle + 1;
+      }
+      CHECK(taken == n);
+    }
 }
 
 TEST_CASE("an exception in a worker reaches the caller") {
