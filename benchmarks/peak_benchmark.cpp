@@ -2,14 +2,19 @@
 // memory, at each instruction-set level, with one thread and with all. The best of many short turns counts,
 // so that other programs disturb little.
 //   peak_benchmark [--json]
+// Or only how many nanoseconds a cache line takes from one core to another and back: cores that share a cache
+// need a fraction of what others do, and a virtual machine's move between the two.
+//   peak_benchmark --round-trip
 
 #include <algorithm>
+#include <atomic>
 #include <chrono>
 #include <cstdio>
 #include <cstring>
 #include <functional>
 #include <set>
 #include <string>
+#include <thread>
 #include <vector>
 
 #include "benchmarks/peak_routines.h"
@@ -96,6 +101,32 @@ Peaks measure(Isa isa, int threads, std::vector<float>& x, std::vector<float>& y
           .copy = 2 * bytes / copying};
 }
 
+/// The shortest of several turns, in nanoseconds.
+double round_trip() {
+  constexpr int kCount = 2000;
+  alignas(128) std::atomic<int> ball{0};
+  double best = 1e30;
+  for (int turn = 0; turn < kTurns / 4; ++turn) {
+    ball = 0;
+    std::thread other([&] {
+      for (int i = 0; i < kCount; ++i) {
+        while (ball.load() != 2 * i + 1) continue;
+        ball.store(2 * i + 2);
+      }
+    });
+    std::chrono::steady_clock::time_point start;
+    for (int i = 0; i < kCount; ++i) {
+      if (i == kCount / 2) start = std::chrono::steady_clock::now();  // by then the other one runs
+      ball.store(2 * i + 1);
+      while (ball.load() != 2 * i + 2) continue;
+    }
+    const std::chrono::duration<double, std::nano> time = std::chrono::steady_clock::now() - start;
+    best = std::min(best, time.count() / (kCount - kCount / 2));
+    other.join();
+  }
+  return best;
+}
+
 void print_table(const std::vector<Peaks>& all) {
   std::printf("%-11s %7s %10s %10s %10s %10s %10s\n", "level", "threads", "fp32", "bf16", "int8", "read",
               "copy");
@@ -122,9 +153,18 @@ void print_json(const std::vector<Peaks>& all) {
 
 int main(int argc, char** argv) {
   const bool json = argc == 2 && std::strcmp(argv[1], "--json") == 0;
-  if (argc > 1 && !json) {
-    std::fprintf(stderr, "peak_benchmark [--json]\n");
+  const bool trip = argc == 2 && std::strcmp(argv[1], "--round-trip") == 0;
+  if (argc > 1 && !json && !trip) {
+    std::fprintf(stderr, "peak_benchmark [--json | --round-trip]\n");
     return 2;
+  }
+  if (trip) {
+    if (std::thread::hardware_concurrency() < 2) {
+      std::fprintf(stderr, "peak_benchmark: a round trip takes two cores\n");
+      return 1;
+    }
+    std::printf("%.0f\n", round_trip());
+    return 0;
   }
   const int cores = thread_count();
   std::vector<float> x(static_cast<std::size_t>(kFloats), 1);

@@ -258,6 +258,9 @@ def main():
     machine = results['machine']
     os.makedirs(f'{docs}/pictures', exist_ok=True)
     lines = [INTRO, f'Machine: {machine["cpu"]}, {machine["cores"]} cores. {versions(results)}.', '']
+    if results.get('round_trip_ns'):
+        lines += [f'With more than one thread only rounds count in which a cache line took at most {results["round_trip_ns"]:.0f} ns from one core to another and back: '
+                  'the virtual machine that this is moves between cores that share a cache and cores that do not.', '']
     if results.get('forced'):
         lines += ['**Other programs were running: these numbers mean nothing.**', '']
     lines += ['## Summary', '', 'Ratios of medians; below 1 SLIDE is faster, more exact, smaller.', '', *summary_table(results), '', '## What the machine can do', '',

@@ -187,15 +187,25 @@ def start_peers(case, threads, options):
     return peers, failed
 
 
-def one_round(peers):
-    """Every peer once, in turn -> the part of the machine that others took."""
-    start, clock = busy(), time.monotonic()
-    own = sum(own_time(p.process.pid) for p in peers) + own_time('self')
+def round_trip(options):
+    """Nanoseconds that a cache line takes from core to core and back."""
+    return float(subprocess.run([options.peak, '--round-trip'], stdout=subprocess.PIPE, text=True, check=True).stdout)
+
+
+def one_round(peers, threads, options):
+    """Every peer once, in turn -> the part of the machine that others took, the longest round trip between cores (0 of one thread)."""
+    trips, used, clock = [0.], 0., 0.
     for peer in peers:
+        if threads > 1 and options.round_trip:
+            trips.append(round_trip(options))
+        start, since, own = busy(), time.monotonic(), sum(own_time(p.process.pid) for p in peers) + own_time('self')
         peer.latest = statistics.median(peer.run() for _ in range(peer.turn))
         time.sleep(GAP)
-    own = sum(own_time(p.process.pid) for p in peers) + own_time('self') - own
-    return max(0, busy() - start - own) / (time.monotonic() - clock) / os.cpu_count()
+        used += busy() - start - (sum(own_time(p.process.pid) for p in peers) + own_time('self') - own)
+        clock += time.monotonic() - since
+    if threads > 1 and options.round_trip:
+        trips.append(round_trip(options))
+    return max(0, used) / clock / os.cpu_count(), max(trips)
 
 
 def measure(case, threads, options):
@@ -203,15 +213,16 @@ def measure(case, threads, options):
     start, quiet, disturbed = time.monotonic(), 0, []
     least = 1 if case.heavy or options.quick else 3
     while peers:
-        share = one_round(peers)
-        if share <= OTHERS or options.force:
+        share, trip = one_round(peers, threads, options)
+        undisturbed = share <= OTHERS and trip <= (options.round_trip or math.inf)
+        if undisturbed or options.force:
             quiet += 1
             for peer in peers:
                 peer.rounds.append(peer.latest)
-        if share > OTHERS:
-            disturbed.append(round(share, 3))
+        if not undisturbed:
+            disturbed.append({'share': round(share, 3), 'round_trip_ns': trip})
         spent = time.monotonic() - start
-        if quiet >= 15 or spent > options.budget and (quiet >= least or len(disturbed) > least + 2):
+        if quiet >= 15 or spent > options.budget and (quiet >= least or len(disturbed) > least + 9):
             break
     results = []
     for peer in peers:
@@ -317,6 +328,7 @@ def parse():
     parser.add_argument('--budget', type=float, help='seconds of rounds for a network at one thread count')
     parser.add_argument('--quick', action='store_true', help='few networks, few rounds, two threads')
     parser.add_argument('--force', action='store_true', help='count rounds that other programs disturbed')
+    parser.add_argument('--round-trip', type=float, metavar='NS', help='count only rounds in which a cache line takes no longer from one core to another and back')
     parser.add_argument('--check', action='store_true', help='only compare the float64 executors')
     parser.add_argument('--slide-options', default='', help='more flags for slide_bench, e.g. "--isa avx2"')
     parser.add_argument('--results', help='the JSON file; default: results.json in --out')
@@ -339,7 +351,7 @@ def main():
     if load > OTHERS and not options.force:
         sys.exit(f'run.py: other programs use {100 * load:.0f} % of this machine; wait for them, or give --force')
     chosen = [c for c in cases.CASES if (c.name in options.cases.split(',') if options.cases else c.quick or not options.quick)]
-    results = {'machine': machine(options), 'forced': options.force, 'networks': []}
+    results = {'machine': machine(options), 'forced': options.force, 'round_trip_ns': options.round_trip, 'networks': []}
     for case in chosen:
         for threads in options.threads:
             if case.heavy and threads != max(options.threads):

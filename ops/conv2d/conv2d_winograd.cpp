@@ -339,12 +339,13 @@ void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& array
                                    std::int64_t slots) const {
   const float* x =
       arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
+  const std::int64_t size = work_size();
   parallel_for(words_, slots, [&](std::int64_t k, std::int64_t slot) {
-    transform_channels(strip, k, x, v, memory + slot * work_size());
+    transform_channels(strip, k, x, v, memory + slot * size);
   });
   if (few_tiles_) return run_few_tiles(strip, arrays, v, v + v_size(), memory, slots);
   parallel_for(tasks_of(strip.panels), slots, [&](std::int64_t i, std::int64_t slot) {
-    run_task(strip, i, arrays, v, memory + slot * work_size());
+    run_task(strip, i, arrays, v, memory + slot * size);
   });
 }
 

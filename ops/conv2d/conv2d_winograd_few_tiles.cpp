@@ -27,15 +27,16 @@ void Conv2dWinogradBase::run_few_tiles(const Strip& strip, const Conv2dArrays& a
   const std::int64_t task_panels = std::max<std::int64_t>(kTaskFilters / panel_rows_, 1);
   const std::int64_t groups = divide_up(panels_, task_panels);
   const std::int64_t tasks = late_ ? panels_ : frequencies_ * groups;
+  const std::int64_t size = work_size();
   parallel_for(tasks, slots, [&](std::int64_t i, std::int64_t slot) {
-    float* own = memory + slot * work_size();
+    float* own = memory + slot * size;
     if (late_) return multiply_late(strip, i, arrays.packed, v, products, own);
     const std::int64_t first_panel = i % groups * task_panels;
     multiply_frequency(strip, i / groups, first_panel, std::min(first_panel + task_panels, panels_),
                        arrays.packed, v, products, own);
   });
   parallel_for(divide_up(g_.oc, kOutputFilters), slots, [&](std::int64_t i, std::int64_t slot) {
-    float* sums = memory + slot * work_size() + kRowAlignment;
+    float* sums = memory + slot * size + kRowAlignment;
     const std::int64_t first = i * kOutputFilters;
     for (std::int64_t panel = 0; panel < strip.panels; ++panel)
       transform_panel(strip, panel, first, std::min(first + kOutputFilters, g_.oc),
