@@ -64,6 +64,7 @@ void Conv2dWinogradBase::multiply_frequency(const Strip& strip, std::int64_t fre
     p.a = static_cast<const float*>(static_cast<const void*>(packed)) +
           (frequency * panels_ + panel) * panel_size;
     p.ahead = p.a + panel_size;
+    p.ahead_step = panel_rows_;
     p.c = products + panel * panel_rows_ * product_row_ + frequency * product_stride_;
     p.row_count = std::min(panel_rows_, g_.oc - panel * panel_rows_);
     multiplier_.multiply_filters(p);
@@ -106,7 +107,8 @@ void Conv2dWinogradBase::multiply_late(const Strip& strip, std::int64_t panel, c
     p.last = k + p.depth == words_;
     for (std::int64_t f = 0; f < frequencies_; ++f) {
       p.a = memory + f * late_stride();
-      p.ahead = taps + f * 9 * kLateWords * panel_rows_ / frequencies_;
+      p.ahead_step = divide_up(9 * panel_rows_, frequencies_);
+      p.ahead = taps + f * p.ahead_step * kLateWords;
       p.b = v + f * strip.frequency_stride + k * columns_;
       p.sums = memory + frequencies_ * late_stride() + f * panel_rows_ * product_stride_;
       p.c = products + panel * panel_rows_ * product_row_ + f * product_stride_;

@@ -150,8 +150,6 @@ SLIDE_INLINE void multiply_tile_words(const TileProduct& p, std::int64_t first, 
   for (std::int64_t k = first; k < last; ++k) {
     const float* b = p.b + k * p.columns;
     __builtin_prefetch(p.next_b + k * p.columns + (kTiles<P> - 1), 0, kNear);
-    for (int n = 0; n < kFilters; n += kCacheLine)
-      __builtin_prefetch(p.ahead + k * p.ahead_step + n, 0, kFar);
     const Bits left[2] = {load_words(p.a + k * kFilters), load_words(p.a + k * kFilters + kWidth)};
     SLIDE_UNROLLED for (int t = 0; t < R; ++t) {
       const Bits right = broadcast_word(b + t);
@@ -160,18 +158,25 @@ SLIDE_INLINE void multiply_tile_words(const TileProduct& p, std::int64_t first, 
   }
 }
 
+SLIDE_INLINE void fetch_ahead(const TileProduct& p, std::int64_t first, std::int64_t last) {
+  for (std::int64_t n = first * p.ahead_step; n < last * p.ahead_step; n += kCacheLine)
+    __builtin_prefetch(p.ahead + n, 0, kFar);
+}
+
 template <typename P, int R>
 void multiply_tiles(const TileProduct& p) {
   Float sums[R][2];
   SLIDE_UNROLLED for (int t = 0; t < R; ++t) for (int v = 0; v < 2; ++v) sums[t][v] =
       p.add ? simd::load(p.sums + t * kFilters + v * kWidth) : simd::zero();
-  if constexpr (P::kLanes > 1) {
-    multiply_tile_words<P, R>(p, 0, p.depth, sums);
-  } else {
-    for (std::int64_t k = 0; k < p.depth; k += p.block) {
+  for (std::int64_t k = 0; k < p.depth; k += p.block) {
+    const std::int64_t end = k + p.block < p.depth ? k + p.block : p.depth;
+    fetch_ahead(p, k, end);
+    if constexpr (P::kLanes > 1) {
+      multiply_tile_words<P, R>(p, k, end, sums);
+    } else {
       Float block[R][2];
       SLIDE_UNROLLED for (int t = 0; t < R; ++t) for (int v = 0; v < 2; ++v) block[t][v] = simd::zero();
-      multiply_tile_words<P, R>(p, k, k + p.block < p.depth ? k + p.block : p.depth, block);
+      multiply_tile_words<P, R>(p, k, end, block);
       SLIDE_UNROLLED for (int t = 0; t < R; ++t) for (int v = 0; v < 2; ++v) sums[t][v] =
           sums[t][v] + block[t][v];
     }
@@ -221,12 +226,12 @@ void multiply_filters(const WinogradFilterProduct& p) {
   TileProduct tiles{};
   tiles.columns = p.columns;
   tiles.block = p.block;
-  tiles.ahead_step = (kFilters + groups - 1) / groups;
+  tiles.ahead_step = (p.ahead_step + groups - 1) / groups;
   for (std::int64_t k = 0; k < p.depth; k += part) {
     tiles.a = p.a + k * kFilters;
     tiles.depth = p.depth - k < part ? p.depth - k : part;
     tiles.add = p.add || k > 0;
-    tiles.ahead = p.ahead + k * kFilters;
+    tiles.ahead = p.ahead + k * p.ahead_step;
     tiles.next_b = p.b + k * p.columns;
     for (std::int64_t t = 0; t < p.tiles;) {
       const std::int64_t column = t % p.columns;

@@ -88,7 +88,8 @@ struct WinogradProduct {
 /// multiple of the vector width. Sums of a depth in parts of whole blocks are as those of it at once.
 struct WinogradFilterProduct {
   const float* a;      ///< one panel of words
-  const float* ahead;  ///< as many numbers are fetched into the second-level cache
+  const float* ahead;  ///< for each word ahead_step numbers are fetched into the second-level cache
+  std::int64_t ahead_step;
   const float* b;      ///< panels of an even number of columns
   std::int64_t columns, panel_stride;
   std::int64_t depth, block;  ///< words
