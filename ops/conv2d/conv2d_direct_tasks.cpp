@@ -165,16 +165,19 @@ void Conv2dDirect::choose_tasks() {
 void Conv2dDirect::list_offsets() {
   const std::int64_t phases = g_.stride_y * g_.stride_x;
   phase_is_read_.assign(static_cast<std::size_t>(phases), 0);
+  offsets_.resize(static_cast<std::size_t>(variants_ * depth_));
   for (int variant = 0; variant < variants_; ++variant)
-    for (std::int64_t k = 0; k < depth_; ++k) {
-      const std::int64_t tap = k % taps_;
+    for (std::int64_t tap = 0; tap < taps_; ++tap) {
       const std::int64_t y = upsampled_ ? variant / 2 + tap / 2 : tap / g_.kwidth * g_.dilation_y;
       const std::int64_t x = upsampled_ ? variant % 2 + tap % 2 : tap % g_.kwidth * g_.dilation_x;
       const std::int64_t phase = y % g_.stride_y * g_.stride_x + x % g_.stride_x;
       phase_is_read_[static_cast<std::size_t>(phase)] = 1;
-      const std::int64_t in_planes =
-          (k / taps_ * phases + phase) * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x;
-      offsets_.push_back(static_cast<std::int32_t>(in_place_ ? k * lanes_ * g_.plane() : in_planes));
+      const std::int64_t in_planes = phase * plane_size_ + y / g_.stride_y * plane_width_ + x / g_.stride_x;
+      const std::int64_t first = in_place_ ? 0 : in_planes;
+      const std::int64_t step = in_place_ ? lanes_ * g_.plane() : phases * plane_size_;
+      std::int32_t* to = offsets_.data() + variant * depth_ + tap;
+      for (std::int64_t word = 0; word < group_words_; ++word)
+        to[word * taps_] = static_cast<std::int32_t>(first + word * step);
     }
 }
 
