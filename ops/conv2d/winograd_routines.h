@@ -90,7 +90,7 @@ struct WinogradFilterProduct {
   const float* a;      ///< one panel of words
   const float* ahead;  ///< for each word ahead_step numbers are fetched into the second-level cache
   std::int64_t ahead_step;
-  const float* b;      ///< panels of an even number of columns
+  const float* b;  ///< panels of an even number of columns
   std::int64_t columns, panel_stride;
   std::int64_t depth, block;  ///< words
   std::int64_t tiles;
