@@ -50,7 +50,8 @@ constexpr std::int64_t kFilledEighths = 7;           // at least, of panels of f
 // Where it is worth it, as measured against direct convolution. Tiles that reach over the edge, or over that
 // of a dilation's phase, multiply in vain.
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
-constexpr std::int64_t kMinTilesBf16 = 24;
+// Of fewer channels the transforms take most of the time: bfloat16 gains little there and errs more.
+constexpr std::int64_t kMinChannelsBf16 = 24, kMinTilesBf16 = 24;
 // As measured against integers.
 constexpr std::int64_t kMinHarmonicChannels = 16, kMinTilesOfHarmonic = 128;
 // So many weights come from memory, four times as many if they were transformed for large tiles: transformed
@@ -239,7 +240,7 @@ template class Conv2dWinograd<6>;
 
 bool Conv2dWinogradBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   const std::int64_t least = g.ic * g.oc >= kManyWeights ? kMinTilesOfMany : kMinTilesBf16;
-  return pays(4, g, fusion) && tiles_of(4, g) >= least;
+  return pays(4, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16 && tiles_of(4, g) >= least;
 }
 
 bool Conv2dWinogradBf16::replaces_lower(const Conv2dGeometry& g) noexcept {
