@@ -12,6 +12,7 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +23,7 @@
 #include "ops/fusion/fusion.h"
 #include "runtime/cpu.h"
 #include "runtime/error.h"
+#include "runtime/error_model.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
 #include "runtime/safetensors.h"
@@ -39,6 +41,7 @@ constexpr double kLayeringParallax = 40;  // pixels: 4 % of 1008
 
 struct Arguments {
   std::string network, size, weights = "formula", inputs, reference, isa, precision = "fp32";
+  std::optional<double> error_budget;
   int threads = 0, runs = 5;
   bool json = false, serve = false, profile = false, nodes = false;
 };
@@ -47,9 +50,9 @@ struct Arguments {
 FastOptions fast_options(const Arguments& a) {
   FastOptions options;
   options.isa = active_isa();
-  const std::optional<Precision> precision = precision_from_name(a.precision);
-  if (!precision) throw Error(ErrorKind::kUsage, "there is no precision named " + a.precision);
-  options.precision = *precision;
+  const PrecisionChoice choice = precision_choice(a.precision, a.error_budget);
+  options.precision = choice.precision;
+  options.error_budget = choice.error_budget;
   return options;
 }
 
@@ -295,6 +298,7 @@ json by_node(Bench& bench, int runs) {
   for (std::size_t i = 0; i < profiles[0].size(); ++i) {
     NodeProfile node = profiles[0][i];
     std::vector<double> seconds;
+    seconds.reserve(profiles.size());
     for (const Profile& profile : profiles) seconds.push_back(profile[i].seconds);
     std::ranges::sort(seconds);
     node.seconds = seconds[seconds.size() / 2];
@@ -310,6 +314,7 @@ json by_node(Bench& bench, int runs) {
 json measure(Bench& bench, const Arguments& a) {
   bench.run();
   std::vector<double> times;
+  times.reserve(static_cast<std::size_t>(a.runs));
   for (int i = 0; i < a.runs; ++i) times.push_back(bench.run());
   std::ranges::sort(times);
   json report = bench.facts();
@@ -358,7 +363,8 @@ int run(CLI::App& app, int argc, char** argv) {
   app.add_option("--inputs", a.inputs, "tensors input.NAME (safetensors); default: made-up ones");
   app.add_option("--reference", a.reference,
                  "tensors output.N in float64 to compare with; made by the float64 executor if missing");
-  app.add_option("--precision", a.precision, "fp32, bf16 or int8")->capture_default_str();
+  app.add_option("--precision", a.precision, "fp32, bf16, int8 or auto")->capture_default_str();
+  app.add_option("--error-budget", a.error_budget, "fastest kernels with this predicted error, 1e-7 to 0.5");
   app.add_option("--isa", a.isa, "kernels up to this level: baseline, avx2, avx512, avx512bf16, neon");
   app.add_option("--threads", a.threads, "0: one a core")->check(CLI::Range(0, 1024));
   app.add_option("--runs", a.runs, "runs after the first, of which the median counts")

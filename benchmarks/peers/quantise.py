@@ -24,7 +24,6 @@ import tensors  # noqa: E402
 QUANTISED = {'Conv', 'Add', 'Concat', 'MaxPool', 'Resize', 'AveragePool', 'GlobalAveragePool'}
 KEEPS_RANGE = {'MaxPool'}
 ACTIVATIONS = {'Relu', 'Clip'}
-PHOTOS = 6
 
 
 class Graph:
@@ -75,7 +74,7 @@ def ranges(model, names, case, out):
     path, photo = f'{out}/calibrate.onnx', f'{out}/calibrate.safetensors'
     onnx.save(probe, path)
     found = {name: (0., 0.) for name in names}
-    for number in range(PHOTOS):
+    for number in range(cases.CALIBRATION_PHOTOS):
         tensors.save(photo, {f'input.{k}': v for k, v in cases.inputs(case, number).items()})
         done = subprocess.run(['node', f'{HERE}/peer_ort.js', path, photo, '2'], input='run\nscalars\nquit\n', text=True, stdout=subprocess.PIPE, check=True)
         values = json.loads(done.stdout.splitlines()[2])

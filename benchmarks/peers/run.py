@@ -113,8 +113,11 @@ def command(name, case, threads, options):
     inputs = f'{out}/{case.name}.case.safetensors'
     kind, _, precision = name.partition('-')
     if kind == 'slide':
-        return [options.slide_bench, case.network, '--weights', f'{out}/{case.weight_name}.weights.safetensors', '--inputs', inputs, '--threads',
-                str(threads), '--precision', precision, '--serve', *options.slide_options.split()]
+        weights, budget = os.path.join(cases.ROOT, case.weights) if case.weights else f'{out}/{case.weight_name}.weights.safetensors', []
+        if precision == 'int8' and case.int8_budget:
+            weights, budget = f'{out}/{case.weight_name}.calibrated.safetensors', ['--error-budget', str(case.int8_budget)]
+        return [options.slide_bench, case.network, '--weights', weights, '--inputs', inputs, '--threads', str(threads), '--precision', precision, *budget,
+                '--serve', *options.slide_options.split()]
     if kind == 'ort':
         model = f'{out}/{case.name}.int8.onnx' if precision == 'int8' else f'{out}/{case.name}.onnx'
         return ['node', f'{HERE}/peer_ort.js', model, inputs, str(threads), *(['--no-spinning'] if precision.endswith('nospin') else [])]

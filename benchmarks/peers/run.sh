@@ -9,7 +9,7 @@ build=${BUILD:-build/release}
 
 mkdir -p "$out/node"
 cmake -S . -B "$build" -DCMAKE_BUILD_TYPE=Release -DSLIDE_BENCHMARKS=ON >/dev/null
-cmake --build "$build" --target slide_bench slide_run peak_benchmark -j2 >"$out/build.log" 2>&1 || { cat "$out/build.log" >&2; exit 1; }
+cmake --build "$build" --target slide_bench slide_convert slide_run peak_benchmark -j2 >"$out/build.log" 2>&1 || { cat "$out/build.log" >&2; exit 1; }
 if [ -e /usr/include/dnnl.hpp ]; then
   cmake --build "$build" --target onednn_conv -j2 >>"$out/build.log" 2>&1
 fi
@@ -19,5 +19,6 @@ if [ ! -d "$out/node/node_modules/onnxruntime-node" ]; then
 fi
 /usr/bin/python3 benchmarks/peers/export_onnx.py "$out"
 /usr/bin/python3 benchmarks/peers/quantise.py "$out"
+/usr/bin/python3 benchmarks/peers/calibrate.py "$out" "$build"
 [ "${1:-}" = --prepare ] && exit 0
 /usr/bin/python3 benchmarks/peers/run.py --out "$out" --build "$build" "$@"
