@@ -1,12 +1,12 @@
 #!/usr/bin/python3
 """Makes docs/benchmarks.md and its plots from what run.py measured.
 
-  report.py [RESULTS.json [DOCS]]      default: out/peers/results.json docs
+  report.py [RESULTS.json ...] [--docs DOCS]      default: out/peers/results.json, docs
 """
+import argparse
 import json
 import math
 import os
-import sys
 
 LABELS = {
     'slide-fp32': 'SLIDE fp32', 'slide-bf16': 'SLIDE bf16', 'slide-int8': 'SLIDE int8', 'ort-fp32': 'ONNX Runtime fp32',
@@ -136,6 +136,7 @@ def floor_table(results):
 # Plots: time to the right, RMS error upwards, both logarithmic.
 
 W, H, LEFT, RIGHT, TOP, BOTTOM = 640, 360, 62, 20, 34, 46
+LABEL = 14  # its height
 
 
 class Axis:
@@ -159,14 +160,9 @@ def text(x, y, content, anchor='start', size=12, colour='#333'):
 
 def label_box(px, py, width, taken):
     """Where a point's label goes: beside it, or above or below where it would cover another -> left, top, right, bottom."""
-    box = None
-    for dy in (0, -13, 13, -26, 26, -39, 39, -52, 52):
-        for left in (px + 9, px - 9 - width):
-            box = (left, py - 8 + dy, left + width, py + 7 + dy)
-            inside = box[0] > LEFT and box[2] < W and box[1] > TOP and box[3] < H - BOTTOM
-            if inside and not any(box[0] < t[2] and t[0] < box[2] and box[1] < t[3] and t[1] < box[3] for t in taken):
-                return box
-    return box
+    boxes = [(left, py - 8 + dy, left + width, py + 7 + dy) for dy in (0, -13, 13, -26, 26, -39, 39, -52, 52) for left in (px + 9, px - 9 - width, px - width / 2)]
+    inside = [b for b in boxes if b[0] > LEFT and b[2] < W and b[1] > TOP and b[3] < H - BOTTOM]
+    return min(inside, key=lambda b: sum(b[0] < t[2] and t[0] < b[2] and b[1] < t[3] and t[1] < b[3] for t in taken))
 
 
 def plot(result):
@@ -174,7 +170,7 @@ def plot(result):
     if len(points) < 2:
         return None
     x = Axis([p['ms'] for p in points], LEFT, W - RIGHT - 110)
-    y = Axis([p['rms_error'] for p in points], H - BOTTOM, TOP)
+    y = Axis([p['rms_error'] for p in points], H - BOTTOM - LABEL, TOP + LABEL)
     out = [f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {W} {H}" font-family="sans-serif">', f'<rect width="{W}" height="{H}" fill="#fff"/>',
            text(LEFT, 20, f'{title(result)}, {result["threads"]} threads', size=14)]
     for v in x.ticks():
@@ -186,9 +182,9 @@ def plot(result):
     taken = [(x.at(p['ms']) - 6, y.at(p['rms_error']) - 6, x.at(p['ms']) + 6, y.at(p['rms_error']) + 6) for p in points]
     for p in sorted(points, key=lambda p: p['ms']):
         colour, px, py, label = COLOURS[p['name'].split('-')[0]], x.at(p['ms']), y.at(p['rms_error']), LABELS[p['name']]
-        box = label_box(px, py, 6.4 * len(label), taken)
+        box = label_box(px, py, 7.1 * len(label), taken)
         taken.append(box)
-        out.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{colour}"/>' + text(box[0], box[3] - 3, label, colour=colour))
+        out.append(f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{colour}"/>' + text((box[0] + box[2]) / 2, box[3] - 3, label, 'middle', colour=colour))
     return '\n'.join(out + ['</svg>', ''])
 
 
@@ -229,7 +225,7 @@ def versions(results):
 
 INTRO = '''# Benchmarks
 
-Made by `benchmarks/peers/report.py` from a run of `benchmarks/peers/run.sh`; [benchmarks/peers/README.md](../benchmarks/peers/README.md) says how
+Made by `benchmarks/peers/report.py` from runs of `benchmarks/peers/run.sh`; [benchmarks/peers/README.md](../benchmarks/peers/README.md) says how
 it is measured and how to repeat it.
 
 - **Time**: the median over rounds. In a round every runtime runs once, in turn, while the others wait; rounds in which other programs took more than
@@ -238,9 +234,9 @@ it is measured and how to repeat it.
   interpreter, therefore what it was before the model was loaded stands beside it.
 - **Errors** are those of the worst output against PyTorch in float64, relative to the output's largest magnitude and to its root mean square. The networks have
   made-up weights unless "trained" is said. Networks of random weights amplify rounding more than trained ones do: compare runtimes, not networks.
-- **int8**: of MiDaS and the U²-Nets SLIDE knows ranges and errors of layers from the photos that calibrate ONNX Runtime's models, and takes the fastest plan that
-  is expected to err 0.5 (MiDaS small: 0.1) at most; of the gated networks and FBA it measures ranges at each run. slide_depth is planned as it ships: to err
-  1.5 % on ordinary photos, with float32 where the most is lost.
+- **int8**: of MiDaS and the U²-Nets SLIDE knows ranges and errors of layers from the photos that calibrate ONNX Runtime's models (for both, the photo measured is
+  one of the six), and takes the fastest plan that is expected to err 0.5 (MiDaS small: 0.1) at most; of the gated networks and FBA it measures ranges at each run.
+- **slide_depth** (trained) is planned as it ships, in bf16 and int8 to err 1 and 1.5 % at most on ordinary photos, with float32 where the most would be lost.
 - **Of the peak**: multiplications of the network's definition (a 1×1 convolution counted before the enlargement that it reads) against what the machine does at most in that precision with as many threads. Winograd
   convolutions multiply less than the definition, so that more than 100 % is possible.
 '''
@@ -253,11 +249,24 @@ as if no cache held anything. *Reached* is the second floor's part of the time.
 '''
 
 
+def merged(paths):
+    """What run.py wrote; networks that a later file has, too, at the same number of threads are taken from there."""
+    files = []
+    for path in paths:
+        with open(path) as f:
+            files.append(json.load(f))
+    found = {(n['case'], n['threads']): n for results in files for n in results['networks']}
+    order = list(dict.fromkeys(case for case, _ in found))
+    networks = sorted(found.values(), key=lambda n: (order.index(n['case']), -n['threads']))
+    return files[0] | {'networks': networks, 'forced': any(results['forced'] for results in files)}
+
+
 def main():
-    source = sys.argv[1] if len(sys.argv) > 1 else 'out/peers/results.json'
-    docs = sys.argv[2] if len(sys.argv) > 2 else 'docs'
-    with open(source) as f:
-        results = json.load(f)
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('results', nargs='*', default=['out/peers/results.json'])
+    parser.add_argument('--docs', default='docs')
+    options = parser.parse_args()
+    docs, results = options.docs, merged(options.results)
     machine = results['machine']
     os.makedirs(f'{docs}/pictures', exist_ok=True)
     lines = [INTRO, f'Machine: {machine["cpu"]}, {machine["cores"]} cores. {versions(results)}.', '']

@@ -113,7 +113,8 @@ def command(name, case, threads, options):
     inputs = f'{out}/{case.name}.case.safetensors'
     kind, _, precision = name.partition('-')
     if kind == 'slide':
-        weights, budget = os.path.join(cases.ROOT, case.weights) if case.weights else f'{out}/{case.weight_name}.weights.safetensors', []
+        weights = os.path.join(cases.ROOT, case.weights) if case.weights else f'{out}/{case.weight_name}.weights.safetensors'
+        budget = []
         if precision == 'int8' and case.int8_budget:
             weights, budget = f'{out}/{case.weight_name}.calibrated.safetensors', ['--error-budget', str(case.int8_budget)]
         return [options.slide_bench, case.network, '--weights', weights, '--inputs', inputs, '--threads', str(threads), '--precision', precision, *budget,
