@@ -80,7 +80,7 @@ bool Conv2dDirect::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noe
 
 bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
   return possible(g, fusion) && g.group_ic >= 2 && !Conv2dFewFilters::beats_lower(g, fusion) &&
-         !Conv2dWinograd<4>::fits(g, fusion);
+         !Conv2dWinograd<4>::beats_lower(g, fusion);
 }
 
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,

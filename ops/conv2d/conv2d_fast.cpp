@@ -166,7 +166,8 @@ std::span<const Kernel* const> Conv2dOp::kernels() const {
     list<Conv2dGroupedGate>("conv2d.grouped_gate", methods);
     list<Conv2dDirect>("conv2d.direct", methods);
     list<Conv2dGemm>("conv2d.gemm", methods);
-    list<Conv2dWinogradBf16>("conv2d.winograd4_bf16", methods);
+    list<Conv2dWinogradBf16<4>>("conv2d.winograd4_bf16", methods);
+    list<Conv2dWinogradBf16<2>>("conv2d.winograd2_bf16", methods);
     list<Conv2dDirectInt8>("conv2d.direct_int8", methods);
     list<Conv2dDirectBf16>("conv2d.direct_bf16", methods);
     list<Conv2dWinograd<6>>("conv2d.winograd6",

@@ -51,16 +51,18 @@ constexpr std::int64_t kFilledEighths = 7;           // at least, of panels of f
 // of a dilation's phase, multiply in vain.
 constexpr std::int64_t kMinChannels = 16, kMinTiles2 = 16, kMinTiles = 24;
 // Of fewer channels the transforms take most of the time: bfloat16 gains little there and errs more.
-constexpr std::int64_t kMinChannelsBf16 = 24, kMinTilesBf16 = 24;
+constexpr std::int64_t kMinChannelsBf16 = 24;
 // As measured against integers.
 constexpr std::int64_t kMinHarmonicChannels = 16, kMinTilesOfHarmonic = 128;
 // So many weights come from memory, four times as many if they were transformed for large tiles: transformed
 // by each run they take a few per cent more time, or, where they let tiles be large, less.
-constexpr std::int64_t kLateWeights = 1 << 15, kMinTilesOfLate = 12;
+constexpr std::int64_t kLateWeights = 1 << 15, kMinTilesOfLate = 12, kMostTilesOfLate = 64;
 // So many take 18 MiB for large tiles, 8 for small ones: more than few tiles are worth.
 constexpr std::int64_t kManyWeights = 1 << 17, kMinTilesOfMany = 40;
-// Of 9 for an output. Where small tiles save but a third, their weights must not be many, but used often.
-constexpr double kMostProducts2 = 0.6, kMostProducts2OfFew = 0.65, kMostProducts = 0.4;
+// Of the products of a direct convolution. Where tiles save but a third, their weights must be transformed
+// late, or not be many, but used often.
+constexpr double kMostProducts2 = 0.6, kMostProducts = 0.4, kMostProductsOfFew = 0.65;
+constexpr double kMostProducts2Bf16 = 0.5;
 // Large tiles' products, of those of small ones: their weights take 2.25 times the memory.
 constexpr double kMostProductsOf2 = 0.77;
 // Frequencies are read and written together; at a distance of powers of two they would share a set of the
@@ -77,6 +79,15 @@ std::int64_t tiles_of(int tile, const Conv2dGeometry& g) {
 /// Of a channel and a filter.
 double products_of(int tile, const Conv2dGeometry& g) {
   return static_cast<double>(tiles_of(tile, g) * (tile + 2) * (tile + 2));
+}
+
+/// Of those of a direct convolution.
+double share_of_products(int tile, const Conv2dGeometry& g) {
+  return products_of(tile, g) / static_cast<double>(9 * g.batch * g.oplane());
+}
+/// Whether weights are transformed by each run, if filters fill the lanes.
+bool is_late(int tile, const Conv2dGeometry& g) {
+  return g.ic * g.oc >= kLateWeights && tiles_of(tile, g) <= kMostTilesOfLate;
 }
 
 WinogradPoints points_of(int tile) {
@@ -200,7 +211,7 @@ void Conv2dWinogradBase::choose_order() noexcept {
     columns_ = std::min(columns_, round_up(divide_up(tiles, divide_up(tiles, columns_)), multiplier_.tiles));
     panel_rows_ = multiplier_.filters;
     part_depth_ = words_;
-    late_ = precision_ == Precision::kFp32 && strips() == 1 && g_.ic * g_.oc >= kLateWeights;
+    late_ = strips() == 1 && g_.ic * g_.oc >= kLateWeights;
   }
   panels_ = divide_up(g_.oc, panel_rows_);
   strip_panels_ = divide_up(tiles, columns_);
@@ -218,34 +229,42 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
   const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
                         g.groups == 1 && !(fusion.upsamples() && g.dilation_x != 1);
   if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
-  const bool many_weights = g.ic * g.oc >= kManyWeights;
   const std::int64_t tiles = tiles_of(tile, g);
-  const double direct = static_cast<double>(9 * g.batch * g.oplane());
-  const double products = products_of(tile, g);
+  const bool late = is_late(tile, g);
   if (tile == 2) {
-    const bool most = !many_weights && tiles >= kMinTilesOfMany;
-    return tiles >= kMinTiles2 && products <= (most ? kMostProducts2OfFew : kMostProducts2) * direct;
+    const bool few = late || (g.ic * g.oc < kManyWeights && tiles >= kMinTilesOfMany);
+    return tiles >= kMinTiles2 && share_of_products(2, g) <= (few ? kMostProductsOfFew : kMostProducts2);
   }
-  return tiles >= (g.ic * g.oc >= kLateWeights ? kMinTilesOfLate : kMinTiles) &&
-         products <= kMostProducts * direct;
+  return tiles >= (late ? kMinTilesOfLate : kMinTiles) &&
+         share_of_products(tile, g) <= (late ? kMostProductsOfFew : kMostProducts);
 }
 
 template <int Tile>
 bool Conv2dWinograd<Tile>::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return pays(Tile, g, fusion) && (Tile == 2 || products_of(Tile, g) <= kMostProductsOf2 * products_of(2, g));
+  return pays(Tile, g, fusion) &&
+         (Tile == 2 || !pays(2, g, fusion) || products_of(Tile, g) <= kMostProductsOf2 * products_of(2, g));
+}
+template <int Tile>
+bool Conv2dWinograd<Tile>::beats_lower(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return fits(g, fusion) && share_of_products(Tile, g) <= kMostProducts;
 }
 template class Conv2dWinograd<2>;
 template class Conv2dWinograd<4>;
 template class Conv2dWinograd<6>;
 
-bool Conv2dWinogradBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  const std::int64_t least = g.ic * g.oc >= kManyWeights ? kMinTilesOfMany : kMinTilesBf16;
-  return pays(4, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16 && tiles_of(4, g) >= least;
+template <int Tile>
+bool Conv2dWinogradBf16<Tile>::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return pays(Tile, g, fusion) && std::min(g.ic, g.oc) >= kMinChannelsBf16 &&
+         (Tile == 4 || is_late(Tile, g)) &&
+         share_of_products(Tile, g) <= (Tile == 4 ? kMostProducts : kMostProducts2Bf16);
 }
-
-bool Conv2dWinogradBf16::replaces_lower(const Conv2dGeometry& g) noexcept {
-  return g.ic * g.oc >= kMinHarmonicChannels * (g.ic + g.oc) && tiles_of(4, g) >= kMinTilesOfHarmonic;
+template <int Tile>
+bool Conv2dWinogradBf16<Tile>::replaces_lower(const Conv2dGeometry& g) noexcept {
+  return Tile == 4 && g.ic * g.oc >= kMinHarmonicChannels * (g.ic + g.oc) &&
+         tiles_of(Tile, g) >= kMinTilesOfHarmonic;
 }
+template class Conv2dWinogradBf16<2>;
+template class Conv2dWinogradBf16<4>;
 
 double Conv2dWinogradBase::error_factor() const noexcept {
   const std::int64_t pairs = tile_ / 2;
@@ -256,8 +275,10 @@ double Conv2dWinogradBase::error_factor() const noexcept {
   const std::int64_t product =
       (rounded ? g_.ic : block_depth_ + divide_up(g_.ic, block_depth_)) + (1 - fused);
   const std::int64_t output = pairs + 1 + (1 - fused);
-  const auto roundings = static_cast<double>(2 * input + 1 + product + 2 * output + 1);
-  return rounded ? 2.01 + 1.01 * roundings * 0x1p-16 : 1.001 * roundings;
+  const std::int64_t weight = rounded && late_ ? 6 : 1;
+  const auto roundings = static_cast<double>(2 * input + weight + product + 2 * output + 1);
+  if (!rounded) return 1.001 * roundings;
+  return (late_ ? 3.02 : 2.01) + 1.01 * roundings * 0x1p-16;
 }
 
 double Conv2dWinogradBase::macs() const noexcept {

@@ -51,7 +51,7 @@ class Conv2dWinogradBase {
   void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
 
  protected:
-  /// Precision: kFp32, or kBf16 with tiles of 4.
+  /// Precision: kFp32, or kBf16 with tiles of 2 or 4.
   Conv2dWinogradBase(int tile, Precision precision, const Conv2dRoutines& routines,
                      const Conv2dGeometry& geometry, const Conv2dFusion& fusion);
   /// Whether it can, and is worth it: enough channels and tiles.
@@ -96,6 +96,7 @@ class Conv2dWinogradBase {
   [[nodiscard]] std::int64_t late_size() const noexcept;
   void run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                  std::int64_t slots) const;
+  void pack_taps(const float* weight, std::int64_t panel, float* packed) const;
   void list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
                  std::int64_t channels, float* taps) const;
   void transform_channels(const Strip& strip, std::int64_t word, const float* x, float* v,
@@ -166,6 +167,8 @@ class Conv2dWinograd : public Conv2dWinogradBase {
 
   /// 3x3, stride 1, one group, and channels and tiles enough to be worth it.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  /// Whether it fits and is faster than direct convolution with bfloat16.
+  [[nodiscard]] static bool beats_lower(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 
   /// s above and what underflow adds, for each sum; inputs F64: x (as it is convolved), weight, perhaps bias.
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
@@ -173,25 +176,28 @@ class Conv2dWinograd : public Conv2dWinogradBase {
   }
 };
 
-/// F(4) whose transformed weights and inputs are rounded to bfloat16; sums and transforms are float32. The
-/// transforms magnify what the roundings do: of normal random inputs and weights the RMS error is 1.2 %, of
-/// rectified ones 1.0 %, five and four times that of a direct convolution in bfloat16 and as that of one
-/// with 8-bit integers. It multiplies a quarter as often as they do.
+/// Tile: 2 or 4. Transformed weights and inputs are rounded to bfloat16; sums and transforms are float32.
+/// Weights that are transformed by each run were rounded before, too. The transforms magnify what the
+/// roundings do: of normal random inputs and weights the RMS error of F(4) is 1.2 %, of rectified ones 1.0 %,
+/// five and four times that of a direct convolution in bfloat16 and as that of one with 8-bit integers; that
+/// of F(2) is 0.42 and 0.37 %. They multiply a quarter and four ninths as often.
+template <int Tile>
 class Conv2dWinogradBf16 : public Conv2dWinogradBase {
  public:
   static constexpr Precision kPrecision = Precision::kBf16;
   Conv2dWinogradBf16(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                      const Conv2dFusion& fusion = {})
-      : Conv2dWinogradBase(4, kPrecision, routines, geometry, fusion) {}
+      : Conv2dWinogradBase(Tile, kPrecision, routines, geometry, fusion) {}
 
-  /// Where F(4) is, with channels enough for the products to be most of the work.
+  /// Where it is worth it in float32, with channels enough for the products to be most of the work; F(2) only
+  /// where weights are transformed by each run.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
   /// Whether it is faster than direct convolution with 8-bit integers, which is not more exact: with more
   /// channels and tiles yet.
   [[nodiscard]] static bool replaces_lower(const Conv2dGeometry& geometry) noexcept;
 
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, std::span<double> scale) {
-    winograd_error_scale(4, g, inputs, scale);
+    winograd_error_scale(Tile, g, inputs, scale);
   }
 };
 

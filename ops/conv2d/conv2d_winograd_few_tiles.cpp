@@ -1,8 +1,8 @@
 // Winograd convolutions of few tiles and many weights: the order of work reads weights once. A task
 // multiplies a frequency's weights of some filters, as they lie in memory, with all tiles, which fit into the
-// second-level cache; all products are kept, and transformed back when they are there. In float32 these
-// weights are transformed on the way: a task takes some filters, and of them some words after the other, so
-// that memory holds and delivers nine numbers instead of sixteen or thirty-six.
+// second-level cache; all products are kept, and transformed back when they are there. Many weights are
+// transformed on the way: a task takes some filters, and of them some words after the other, so that memory
+// holds and delivers nine numbers instead of sixteen or thirty-six.
 
 #include <algorithm>
 
@@ -86,7 +86,9 @@ void Conv2dWinogradBase::multiply_late(const Strip& strip, std::int64_t panel, c
                                        const float* v, float* products, float* memory) const {
   static_assert(kLateWords % kPackedWords == 0);
   const WinogradFilterMatrix g = winograd_filter_matrix(tile_);
-  const WinogradFilters transform = winograd_filters_at(routines_.isa, tile_ / 2);
+  const WinogradFilterRoutines& filters = winograd_filters_at(routines_.isa);
+  const WinogradFilters transform =
+      (precision_ == Precision::kFp32 ? filters.transform : filters.transform_words)[tile_ / 2 - 1];
   const auto* taps =
       static_cast<const float*>(static_cast<const void*>(packed)) + panel * words_ * 9 * panel_rows_;
   WinogradFilterProduct p{};

@@ -1,5 +1,5 @@
 // The weights of Winograd convolutions, transformed in float64 and packed once; or, for few tiles, packed as
-// they are and transformed by each run.
+// they are (of bfloat16, rounded) and transformed by each run.
 
 #include <algorithm>
 #include <array>
@@ -14,20 +14,20 @@
 
 namespace slide::ops {
 
-#define SLIDE_DECLARE(level, enumerator)               \
-  namespace level {                                    \
-  extern const WinogradFilters winograd_filters_of[3]; \
+#define SLIDE_DECLARE(level, enumerator)                \
+  namespace level {                                     \
+  extern const WinogradFilterRoutines winograd_filters; \
   }
 SLIDE_EACH_ISA(SLIDE_DECLARE)
 #undef SLIDE_DECLARE
 
-WinogradFilters winograd_filters_at(Isa isa, int pairs) {
-  const WinogradFilters* found = nullptr;
+const WinogradFilterRoutines& winograd_filters_at(Isa isa) {
+  const WinogradFilterRoutines* found = &baseline::winograd_filters;
 #define SLIDE_FIND(level, enumerator) \
-  if (isa == (enumerator)) found = level::winograd_filters_of;
+  if (isa == (enumerator)) found = &level::winograd_filters;
   SLIDE_EACH_ISA(SLIDE_FIND)
 #undef SLIDE_FIND
-  return (found != nullptr ? found : baseline::winograd_filters_of)[pairs - 1];
+  return *found;
 }
 
 WinogradFilterMatrix winograd_filter_matrix(int tile) {
@@ -59,20 +59,15 @@ std::size_t Conv2dWinogradBase::packed_bytes() const noexcept {
          sizeof(float);
 }
 
-/// U as [frequency][part of the words][panel][word][row], zeros below the last filter. Late, the taps as
-/// [panel][kPackedWords words][tap][word][row].
+/// U as [frequency][part of the words][panel][word][row], zeros below the last filter; or late, see
+/// pack_taps().
 void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
   const std::int64_t rows = panel_rows_;
   const WinogradFilterMatrix g = winograd_filter_matrix(tile_);
-  const WinogradFilters transform = winograd_filters_at(routines_.isa, tile_ / 2);
+  const WinogradFilters transform = winograd_filters_at(routines_.isa).transform[tile_ / 2 - 1];
   auto* to = static_cast<float*>(static_cast<void*>(packed));
   parallel_for(panels_, [&](std::int64_t panel) {
-    if (late_) {
-      for (std::int64_t k = 0; k < words_; k += kPackedWords)
-        list_taps(weight, panel * rows, k, std::min(kPackedWords, words_ - k),
-                  to + (panel * words_ + k) * 9 * rows);
-      return;
-    }
+    if (late_) return pack_taps(weight, panel, to + panel * words_ * 9 * rows);
     std::vector<float> taps(static_cast<std::size_t>(9 * kPackedWords * lanes_ * rows));
     // Frequencies may lie at a distance of powers of two: whole lines, written once, stay out of each other's
     // way.
@@ -96,6 +91,19 @@ void Conv2dWinogradBase::pack(const float* weight, std::byte* packed) const {
       k += words;
     }
   });
+}
+
+/// A panel's taps as [kPackedWords words][tap][word][row].
+void Conv2dWinogradBase::pack_taps(const float* weight, std::int64_t panel, float* packed) const {
+  const std::int64_t rows = panel_rows_;
+  std::vector<float> taps(static_cast<std::size_t>(9 * kPackedWords * lanes_ * rows));
+  for (std::int64_t k = 0; k < words_; k += kPackedWords) {
+    const std::int64_t words = std::min(kPackedWords, words_ - k);
+    float* to = packed + k * 9 * rows;
+    list_taps(weight, panel * rows, k * lanes_, words * lanes_, lanes_ == 1 ? to : taps.data());
+    if (lanes_ == 1) continue;
+    for (std::int64_t w = 0; w < 9 * words; ++w) join_words(taps.data() + 2 * w * rows, rows, to + w * rows);
+  }
 }
 
 /// Tap t of channel first_channel + n and row first_row + m is taps[(t·channels + n)·rows + m], zero where

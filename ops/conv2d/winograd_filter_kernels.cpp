@@ -1,7 +1,9 @@
 // Filters for Winograd convolutions: lanes are filters. A pair of points ±p shares the even and the odd half
-// of its two rows of G. Vectors are the compilers' own, of any length: they make of one what the level has.
+// of its two rows of G. Vectors of float64 are the compilers' own, of any length: they make of one what the
+// level has.
 
 #include "ops/conv2d/winograd_filters.h"
+#include "ops/conv2d/words.h"
 #include "ops/simd/simd.h"
 
 namespace slide::ops::SLIDE_ISA {
@@ -23,13 +25,12 @@ SLIDE_INLINE void load(const float* taps, Doubles& x) {
 }
 
 /// y[i] = G[i] · (x[0], x[1], x[2]).
-template <int Pairs>
-SLIDE_INLINE void multiply(const WinogradFilterMatrix& g, const Doubles (&x)[3],
-                           Doubles (&y)[2 * Pairs + 2]) {
+template <int Pairs, typename Matrix, typename Vector>
+SLIDE_INLINE void multiply(const Matrix& g, const Vector (&x)[3], Vector (&y)[2 * Pairs + 2]) {
   y[0] = g.zero * x[0];
   for (int k = 0; k < Pairs; ++k) {
-    const Doubles even = g.one[k] * x[0] + g.square[k] * x[2];
-    const Doubles odd = g.first[k] * x[1];
+    const Vector even = g.one[k] * x[0] + g.square[k] * x[2];
+    const Vector odd = g.first[k] * x[1];
     y[2 * k + 1] = even + odd;
     y[2 * k + 2] = even - odd;
   }
@@ -75,9 +76,56 @@ void transform(const WinogradFilterMatrix& filter_matrix, const float* taps, std
   transform_lanes<Pairs>(g, last, kLanes, count - n, u + n, frequency_stride);
 }
 
+/// WinogradFilterMatrix in float32.
+template <int Pairs>
+struct FloatMatrix {
+  Float zero, one[Pairs], first[Pairs], square[Pairs];
+};
+
+SLIDE_INLINE Float low_half(Bits words) { return as_float(words << 16); }
+SLIDE_INLINE Float high_half(Bits words) { return as_float(words & static_cast<std::int32_t>(0xFFFF0000)); }
+
+template <int Pairs>
+void transform_words(const WinogradFilterMatrix& filter_matrix, const float* taps, std::int64_t count,
+                     float* u, std::int64_t frequency_stride) {
+  constexpr int kSide = 2 * Pairs + 2;
+  FloatMatrix<Pairs> g{simd::broadcast(static_cast<float>(filter_matrix.zero)), {}, {}, {}};
+  for (int k = 0; k < Pairs; ++k) {
+    g.one[k] = simd::broadcast(static_cast<float>(filter_matrix.one[k]));
+    g.first[k] = simd::broadcast(static_cast<float>(filter_matrix.first[k]));
+    g.square[k] = simd::broadcast(static_cast<float>(filter_matrix.square[k]));
+  }
+  for (std::int64_t n = 0; n < count; n += simd::kWidth) {
+    Float columns[2][kSide][3];
+    for (int v = 0; v < 3; ++v) {
+      Float x[2][3];
+      for (int k = 0; k < 3; ++k) {
+        const Bits words = load_words(taps + (3 * k + v) * count + n);
+        x[0][k] = low_half(words);
+        x[1][k] = high_half(words);
+      }
+      for (int lane = 0; lane < 2; ++lane) {
+        Float y[kSide];
+        multiply<Pairs>(g, x[lane], y);
+        for (int i = 0; i < kSide; ++i) columns[lane][i][v] = y[i];
+      }
+    }
+    float* to = u + n;
+    for (int i = 0; i < kSide; ++i) {
+      Float y[2][kSide];
+      for (int lane = 0; lane < 2; ++lane) multiply<Pairs>(g, columns[lane][i], y[lane]);
+      for (int j = 0; j < kSide; ++j, to += frequency_stride) {
+        const Float pair[2] = {y[0][j], y[1][j]};
+        store_words(to, Bf16::word(0, 0, pair));
+      }
+    }
+  }
+}
+
 }  // namespace
 
-extern const WinogradFilters winograd_filters_of[3];
-const WinogradFilters winograd_filters_of[3] = {transform<1>, transform<2>, transform<3>};
+extern const WinogradFilterRoutines winograd_filters;
+const WinogradFilterRoutines winograd_filters = {{transform<1>, transform<2>, transform<3>},
+                                                 {transform_words<1>, transform_words<2>}};
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -19,8 +19,15 @@ struct WinogradFilterMatrix {
 using WinogradFilters = void (*)(const WinogradFilterMatrix& g, const float* taps, std::int64_t count,
                                  float* u, std::int64_t frequency_stride);
 
-/// That of a level of this build, for m = 2·pairs of 2, 4 or 6.
+/// The filter transforms of a level of this build.
+struct WinogradFilterRoutines {
+  WinogradFilters transform[3];  ///< by pairs - 1, m = 2·pairs
+  /// Of words of two bfloat16, two channels' taps and frequencies: in float32, then rounded to nearest. count
+  /// is a multiple of the vector width.
+  WinogradFilters transform_words[2];
+};
+
 [[nodiscard]] WinogradFilterMatrix winograd_filter_matrix(int tile);
-[[nodiscard]] WinogradFilters winograd_filters_at(Isa isa, int pairs);
+[[nodiscard]] const WinogradFilterRoutines& winograd_filters_at(Isa isa);
 
 }  // namespace slide::ops

@@ -373,7 +373,7 @@ const WinogradRoutines winograd_routines {
 #else
       false,
 #endif
-      winograd_multipliers, {{input<2, Fp32>, nullptr}, output<2>},
+      winograd_multipliers, {{input<2, Fp32>, input<2, Bf16>}, output<2>},
       {{input<4, Fp32>, input<4, Bf16>}, output<4>}, {
     {input<6, Fp32>, nullptr}, output<6>
   }

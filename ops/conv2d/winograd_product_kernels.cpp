@@ -218,6 +218,14 @@ void transpose_sums(const WinogradFilterProduct& p) {
   }
 }
 
+/// Of `count` tiles those of the first of equal parts of at most R: small parts take as long as larger ones.
+template <int R>
+SLIDE_INLINE std::int64_t even_share(std::int64_t count) {
+  const std::int64_t parts = (count + R - 1) / R;
+  const std::int64_t share = ((count + parts - 1) / parts + 1) / 2 * 2;
+  return share < count ? share : count;
+}
+
 template <typename P>
 void multiply_filters(const WinogradFilterProduct& p) {
   constexpr int R = kTiles<P>;
@@ -236,13 +244,13 @@ void multiply_filters(const WinogradFilterProduct& p) {
     for (std::int64_t t = 0; t < p.tiles;) {
       const std::int64_t column = t % p.columns;
       const std::int64_t end = p.tiles - t < p.columns - column ? p.tiles : t + p.columns - column;
-      const std::int64_t next = end - t < R ? end : t + R;
+      const std::int64_t next = t + even_share<R>(end - t);
       tiles.b = tiles.next_b;
       tiles.next_b =
           p.b + (next < p.tiles ? next / p.columns * p.panel_stride + next % p.columns + k * p.columns
                                 : (k + tiles.depth) * p.columns);
       tiles.sums = p.sums + t * kFilters;
-      multiply_some_tiles<P, R>(tiles, end - t);
+      multiply_some_tiles<P, R>(tiles, next - t);
       tiles.ahead += tiles.ahead_step * tiles.depth;
       t = next;
     }
