@@ -42,6 +42,13 @@ Tensor convolved(const Op& op, const Tensor& x) {
   return rectified;
 }
 
+/// The nodes of whose tensors x is made.
+std::vector<int> convolved_inputs(const Node& node) {
+  const auto* convolution = dynamic_cast<const ops::Conv2dOp*>(node.op.get());
+  if (convolution == nullptr || convolution->fusion().joined == 0) return {node.inputs[0]};
+  return {node.inputs[0], node.inputs.back()};
+}
+
 /// One photo's graph and what its float32 run made.
 struct Sample {
   std::unique_ptr<Graph> graph;  // fused
@@ -99,11 +106,13 @@ class Calibrator {
       for (const auto& [key, nodes] : sample.layers)
         for (const int node : nodes) {
           const Node& reader = sample.graph->node(node);
-          const Node& source = sample.graph->node(reader.inputs[0]);
-          const Tensor x = source.kind == NodeKind::kInput
-                               ? sample.inputs.find(source.name)->second.to(DType::kF32)
-                               : fast.tensor(reader.inputs[0]);
-          use(key, convolved(*reader.op, x).data<float>());
+          for (const int input : convolved_inputs(reader)) {
+            const Node& source = sample.graph->node(input);
+            const Tensor x = source.kind == NodeKind::kInput
+                                 ? sample.inputs.find(source.name)->second.to(DType::kF32)
+                                 : fast.tensor(input);
+            use(key, convolved(*reader.op, x).data<float>());
+          }
         }
     }
   }

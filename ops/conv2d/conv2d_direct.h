@@ -178,9 +178,10 @@ class Conv2dDirectInt8 : public Conv2dDirect {
                           std::span<double> scale);
 
  private:
-  // An image that is upsampled bilinearly is so first, into memory of its own. The roundings of that are a
-  // tenth of a thousandth of the quantisation's.
+  // An image that is upsampled bilinearly is so first, into memory of its own, and joined channels are copied
+  // behind it. The roundings of that are a tenth of a thousandth of the quantisation's.
   Nchw image_;  // before; of no planes if it is not
+  std::int64_t joined_;
   const ResizeRoutines& resize_;
 };
 

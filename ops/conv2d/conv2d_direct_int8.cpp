@@ -15,12 +15,14 @@ namespace {
 
 Conv2dFusion behind_upsampling(Conv2dFusion fusion) {
   if (fusion.upsample_input == Upsampling::kBilinear) fusion.upsample_input = Upsampling::kNone;
+  fusion.joined = 0;
   return fusion;
 }
 
-/// Bytes of the image made of that one.
-std::size_t upsampled_bytes(const Nchw& image) {
-  return Tensor::aligned(static_cast<std::size_t>(4 * image.n * image.c * image.plane()) * sizeof(float));
+/// Bytes of the image made of that one and joined channels.
+std::size_t upsampled_bytes(const Nchw& image, std::int64_t joined) {
+  const std::int64_t channels = image.c > 0 ? image.c + joined : 0;
+  return Tensor::aligned(static_cast<std::size_t>(4 * image.n * channels * image.plane()) * sizeof(float));
 }
 
 }  // namespace
@@ -28,8 +30,9 @@ std::size_t upsampled_bytes(const Nchw& image) {
 Conv2dDirectInt8::Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                                    const Conv2dFusion& fusion)
     : Conv2dDirect(routines, geometry, behind_upsampling(fusion), Precision::kInt8),
-      image_{geometry.batch, fusion.upsample_input == Upsampling::kBilinear ? geometry.ic : 0,
+      image_{geometry.batch, fusion.upsample_input == Upsampling::kBilinear ? geometry.ic - fusion.joined : 0,
              geometry.height / 2, geometry.width / 2},
+      joined_(fusion.joined),
       resize_(resize_routines(routines.isa)) {}
 
 bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
@@ -38,7 +41,7 @@ bool Conv2dDirectInt8::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
 }
 
 std::size_t Conv2dDirectInt8::scratch_bytes() const noexcept {
-  return upsampled_bytes(image_) + Conv2dDirect::scratch_bytes();
+  return upsampled_bytes(image_, joined_) + Conv2dDirect::scratch_bytes();
 }
 
 void Conv2dDirectInt8::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {
@@ -47,9 +50,20 @@ void Conv2dDirectInt8::run(const Conv2dArrays& arrays, std::span<std::byte> scra
   params.size = {2 * image_.h, 2 * image_.w};
   Conv2dArrays upsampled = arrays;
   auto* to = static_cast<float*>(static_cast<void*>(scratch.data()));
-  resize_planes(resize_, ResizeOp(params), image_, arrays.x, nullptr, to);
+  if (joined_ == 0) {
+    resize_planes(resize_, ResizeOp(params), image_, arrays.x, nullptr, to);
+  } else {
+    const Nchw one{1, image_.c, image_.h, image_.w};
+    const std::int64_t plane = 4 * image_.plane(), channels = image_.c + joined_;
+    for (std::int64_t n = 0; n < image_.n; ++n) {
+      resize_planes(resize_, ResizeOp(params), one, arrays.x + n * image_.c * image_.plane(), nullptr,
+                    to + n * channels * plane);
+      std::copy_n(arrays.joined + n * joined_ * plane, joined_ * plane,
+                  to + (n * channels + image_.c) * plane);
+    }
+  }
   upsampled.x = to;
-  Conv2dDirect::run(upsampled, scratch.subspan(upsampled_bytes(image_)));
+  Conv2dDirect::run(upsampled, scratch.subspan(upsampled_bytes(image_, joined_)));
 }
 
 void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, const Tensor& x,

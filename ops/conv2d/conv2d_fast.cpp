@@ -93,7 +93,8 @@ class Conv2dKernel : public Kernel {
       std::vector<double> sums(static_cast<std::size_t>(g.output().count()));
       if constexpr (Method::kPrecision == Precision::kInt8) {
         const std::vector<Tensor> own = of(op).convolution_inputs(inputs);
-        Method::error_scale(g, own, of(op).fusion().relu_input ? own[0] : inputs[0], sums);
+        const bool changed = of(op).fusion().relu_input || of(op).fusion().joined > 0;
+        Method::error_scale(g, own, changed ? own[0] : inputs[0], sums);
         of(op).error_scale_of_sums(inputs, sums, output, scale, 0x1p-20, 1);
       } else {
         Method::error_scale(g, of(op).scale_inputs(inputs), sums);
@@ -131,9 +132,11 @@ class Conv2dKernel : public Kernel {
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
            const KernelCall& call) const override {
     const float* bias = of(op).geometry(call.shapes).has_bias ? f32(inputs[2]) : nullptr;
-    const float* residual = of(op).fusion().residual ? f32(inputs.back()) : nullptr;
+    const float* residual = of(op).fusion().residual ? f32(inputs[3]) : nullptr;
+    const float* joined = of(op).fusion().joined > 0 ? f32(inputs.back()) : nullptr;
     method(op, call.shapes)
-        .run({f32(inputs[0]), call.packed.data(), bias, residual, f32(output), call.range}, call.scratch);
+        .run({f32(inputs[0]), call.packed.data(), bias, residual, f32(output), call.range, joined},
+             call.scratch);
   }
 
  private:

@@ -24,7 +24,9 @@ enum class Upsampling {
 struct Conv2dFusion {
   bool relu_input = false;                        ///< x is max(x, 0); not with bilinear upsampling
   Upsampling upsample_input = Upsampling::kNone;  ///< of x, before it is convolved
-  bool residual = false;       ///< the last input, of the output's shape, is added to the sums and the bias
+  /// Channels of the last input, which follow those of x, bilinearly upsampled, and are of the same size.
+  std::int64_t joined = 0;
+  bool residual = false;       ///< the input behind the bias, of the output's shape, is added to the sums
   bool residual_last = false;  ///< ... is added to the result of the activation instead
   bool gate = false;           ///< the first half of the channels a, the second g: elu(a) · sigmoid(g)
   std::shared_ptr<const UnaryOp> activation = nullptr;  ///< of the result
@@ -48,6 +50,7 @@ struct Conv2dArrays {
   const float* residual;    ///< null unless fused
   float* y;
   std::optional<Range> range = std::nullopt;  ///< of x; for int8
+  const float* joined = nullptr;              ///< null unless fused
 };
 
 // A method of convolution is a class M with
@@ -60,7 +63,8 @@ struct Conv2dArrays {
 //                                   before residual, activation or gate
 //   double macs() const             multiply-accumulates really done
 //   void run(const Conv2dArrays&, std::span<std::byte> scratch) const
-// With Conv2dFusion::upsample_input the geometry's input is the upsampled one, x the one before.
+// With Conv2dFusion::upsample_input the geometry's input is the upsampled one, with the joined channels, x
+// the one before.
 
 /// Whether an activation only cuts its argument to a range.
 [[nodiscard]] bool only_cuts(const UnaryOp& activation) noexcept;

@@ -55,6 +55,20 @@ Tensor upsampled(const Tensor& x, double near_weight) {
   return y;
 }
 
+/// The channels of x, then those of `joined`.
+Tensor with_channels(const Tensor& x, const Tensor& joined) {
+  const Shape &s = x.shape(), &t = joined.shape();
+  Tensor y(DType::kF64, s.with(1, s[1] + t[1]));
+  const double *from = x.data<double>().data(), *behind = joined.data<double>().data();
+  double* to = y.mutable_data<double>().data();
+  const std::int64_t count = s[1] * s[2] * s[3], joined_count = t[1] * t[2] * t[3];
+  for (std::int64_t n = 0; n < s[0]; ++n) {
+    to = std::copy_n(from + n * count, count, to);
+    to = std::copy_n(behind + n * joined_count, joined_count, to);
+  }
+  return y;
+}
+
 }  // namespace
 
 std::string text_of(const Conv2dFusion& fusion) {
@@ -62,6 +76,7 @@ std::string text_of(const Conv2dFusion& fusion) {
   const auto append = [&](const std::string& part) { text += (text.empty() ? "" : ", ") + part; };
   if (fusion.upsamples())
     append(fusion.upsample_input == Upsampling::kNearest ? "x2 before" : "bilinear x2 before");
+  if (fusion.joined > 0) append(std::to_string(fusion.joined) + " channels joined");
   if (fusion.relu_input) append("relu before");
   if (fusion.residual && !fusion.residual_last) append("residual");
   if (fusion.gate) append("gate");
@@ -89,12 +104,17 @@ std::string Conv2dOp::attributes() const {
 
 Conv2dGeometry Conv2dOp::geometry(std::span<const Shape> inputs) const {
   std::vector<Shape> own(inputs.begin(), inputs.end());
-  if (fusion_.residual) {
-    require_input_count(type(), inputs, 4, 4);
-    own.pop_back();
+  const std::size_t fused = (fusion_.residual ? 1 : 0) + (fusion_.joined > 0 ? 1 : 0);
+  if (fused > 0) {
+    require_input_count(type(), inputs, 3 + fused, 3 + fused);
+    own.resize(3);
   }
   if (fusion_.upsamples() && own[0].rank() == 4)
     own[0] = own[0].with(2, 2 * own[0][2]).with(3, 2 * own[0][3]);
+  if (fusion_.joined > 0 && own[0].rank() == 4) {
+    require_shape("joined tensor", inputs.back(), own[0].with(1, fusion_.joined));
+    own[0] = own[0].with(1, own[0][1] + fusion_.joined);
+  }
   const Conv2dGeometry g = conv2d_geometry(type(), own, params_);
   if (fusion_.gate && g.oc % 2 != 0)
     throw shape_error("a gated convolution needs an even number of filters, the weight has shape " +
@@ -111,8 +131,12 @@ Shape Conv2dOp::infer(std::span<const Shape> inputs) const {
 }
 
 double Conv2dOp::error_share(std::size_t index, std::span<const Shape> inputs) const {
-  const bool summand = index == 0 || (fusion_.residual && index + 1 == inputs.size());
-  return !summand ? 0 : fusion_.residual ? 0.5 : 1;
+  const double sums = fusion_.residual ? 0.5 : 1;
+  if (fusion_.residual && index == 3) return 0.5;
+  const double joined =
+      static_cast<double>(fusion_.joined) / static_cast<double>(inputs[0][1] + fusion_.joined);
+  if (index == 0) return sums * (1 - joined);
+  return fusion_.joined > 0 && index + 1 == inputs.size() ? sums * joined : 0;
 }
 
 double Conv2dOp::macs(std::span<const Shape> inputs, const Shape& output) const {
@@ -124,6 +148,7 @@ std::vector<Tensor> Conv2dOp::convolution_inputs(std::span<const Tensor> inputs)
   std::vector<Tensor> own(inputs.begin(), inputs.begin() + std::min<std::ptrdiff_t>(3, std::ssize(inputs)));
   if (fusion_.upsamples())
     own[0] = upsampled(own[0], fusion_.upsample_input == Upsampling::kNearest ? 1 : 0.75);
+  if (fusion_.joined > 0) own[0] = with_channels(own[0], inputs.back());
   if (fusion_.relu_input) {
     own[0] = own[0].clone();
     for (double& v : own[0].mutable_data<double>()) v = v < 0 ? 0 : v;

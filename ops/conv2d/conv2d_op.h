@@ -9,7 +9,8 @@
 namespace slide::ops {
 
 /// The operator of conv2d() and gated_conv2d(), and what a planner makes of one and its neighbours. Inputs:
-/// x, weight, perhaps bias; with a residual there is a bias, and the residual comes after it.
+/// x, weight, perhaps bias. With a residual or joined channels there is a bias, and they come after it, in
+/// this order.
 class Conv2dOp : public Op {
  public:
   explicit Conv2dOp(const Conv2dParams& params, Conv2dFusion fusion = {})
@@ -39,15 +40,15 @@ class Conv2dOp : public Op {
   void error_scale_of_sums(std::span<const Tensor> inputs, std::span<const double> sums, const Tensor& output,
                            Tensor& scale, double rounding = 1, double largest = 1.0 / 64) const;
   [[nodiscard]] double macs(std::span<const Shape> inputs, const Shape& output) const override;
-  /// x and a residual count as equal.
+  /// x and a residual count as equal; joined channels are a part of x.
   [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
   [[nodiscard]] const Conv2dParams& params() const noexcept { return params_; }
   [[nodiscard]] const Conv2dFusion& fusion() const noexcept { return fusion_; }
-  /// Of the convolution: upsampled input, output before the gate.
+  /// Of the convolution: upsampled and joined input, output before the gate.
   [[nodiscard]] Conv2dGeometry geometry(std::span<const Shape> inputs) const;
-  /// x as the convolution sees it (upsampled, below zero cut off), weight and perhaps bias, F64.
+  /// x as the convolution sees it (upsampled and joined, below zero cut off), weight and perhaps bias, F64.
   [[nodiscard]] std::vector<Tensor> convolution_inputs(std::span<const Tensor> inputs) const;
   /// The same for error scales: of what is upsampled bilinearly, which rounds, the upsampled magnitudes.
   [[nodiscard]] std::vector<Tensor> scale_inputs(std::span<const Tensor> inputs) const;

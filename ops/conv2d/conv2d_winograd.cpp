@@ -155,6 +155,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
       transforms_(transforms_of(tile, winograd_)),
       precision_(precision),
       upsampling_(fusion.upsample_input),
+      joined_(fusion.joined),
       g_(geometry),
       gated_(fusion.gate),
       relu_input_(fusion.relu_input),
@@ -229,6 +230,9 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
   const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
                         g.groups == 1 && !(fusion.upsamples() && g.dilation_x != 1);
   if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
+  if (fusion.joined > 0 && ((g.ic - fusion.joined) % kMaxLanes != 0 || g.oc < kMinChannelsBf16 ||
+                            !Conv2dWinogradBf16<4>::replaces_lower(g)))
+    return false;
   const std::int64_t tiles = tiles_of(tile, g);
   const bool late = is_late(tile, g);
   if (tile == 2) {
@@ -359,11 +363,9 @@ void Conv2dWinogradBase::run(const Conv2dArrays& arrays, std::span<std::byte> sc
 /// With `slots` threads, each with its part of memory. Within a thread of run(), with this one.
 void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& arrays, float* v, float* memory,
                                    std::int64_t slots) const {
-  const float* x =
-      arrays.x + strip.image * g_.ic * (upsampling_ == Upsampling::kNone ? g_.plane() : g_.plane() / 4);
   const std::int64_t size = work_size();
   parallel_for(words_, slots, [&](std::int64_t k, std::int64_t slot) {
-    transform_channels(strip, k, x, v, memory + slot * size);
+    transform_channels(strip, k, arrays, v, memory + slot * size);
   });
   if (few_tiles_) return run_few_tiles(strip, arrays, v, v + v_size(), memory, slots);
   parallel_for(tasks_of(strip.panels), slots, [&](std::int64_t i, std::int64_t slot) {
@@ -371,9 +373,13 @@ void Conv2dWinogradBase::run_strip(const Strip& strip, const Conv2dArrays& array
   });
 }
 
-/// Those of a word.
-void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t word, const float* x, float* v,
-                                            float* memory) const {
+/// Those of a word, all of x or all joined.
+void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t word, const Conv2dArrays& arrays,
+                                            float* v, float* memory) const {
+  const bool joined = word * lanes_ >= g_.ic - joined_;
+  const Upsampling upsampling = joined ? Upsampling::kNone : upsampling_;
+  const std::int64_t channels = joined ? joined_ : g_.ic - joined_;
+  const std::int64_t first_channel = word * lanes_ - (joined ? g_.ic - joined_ : 0);
   const InputMemory sizes = input_memory(g_, tile_, line_tiles_);
   const std::int64_t start = tile_start(strip.first_tile, tile_, g_.dilation_x) - g_.left;
   const float *rows[kMaxLanes * 8], *far_rows[kMaxLanes * 8];
@@ -385,9 +391,9 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   const std::int64_t first_column = std::clamp<std::int64_t>(start, 0, g_.width);
   in.count = std::min(in.used - in.left, g_.width - first_column);
   in.relu = relu_input_;
-  in.doubled = upsampling_ == Upsampling::kNearest;
-  in.blended = upsampling_ == Upsampling::kBilinear;
-  const std::int64_t repeats = upsampling_ == Upsampling::kNone ? 1 : 2;  // of each pixel, in both directions
+  in.doubled = upsampling == Upsampling::kNearest;
+  in.blended = upsampling == Upsampling::kBilinear;
+  const std::int64_t repeats = upsampling == Upsampling::kNone ? 1 : 2;  // of each pixel, in both directions
   const std::int64_t width = g_.width / repeats, height = g_.height / repeats;
   in.odd = repeats == 2 && first_column % 2 != 0;
   std::int64_t first_read = first_column / repeats;
@@ -399,6 +405,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
     last_read += in.right_edge ? 0 : 1;
   }
   const std::int64_t plane = width * height, columns = last_read - first_read;
+  const float* x = (joined ? arrays.joined : arrays.x) + strip.image * channels * plane;
   in.dilation = g_.dilation_x;
   in.tiles = strip.line_tiles;
   in.buffer = memory + sizes.zeros + round_up(in.left, kRowAlignment) - in.left;  // stores are aligned
@@ -413,10 +420,10 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   for (std::int64_t line = strip.first_line; line < strip.last_line; ++line) {
     const std::int64_t top = tile_start(line, tile_, g_.dilation_y) - g_.top;
     for (std::int64_t lane = 0; lane < lanes_; ++lane) {
-      const std::int64_t channel = word * lanes_ + lane;
+      const std::int64_t channel = first_channel + lane;
       for (std::int64_t u = 0; u < tile_ + 2; ++u) {
         const std::int64_t row = top + u * g_.dilation_y;
-        const bool inside = channel < g_.ic && row >= 0 && row < g_.height;
+        const bool inside = channel < channels && row >= 0 && row < g_.height;
         const std::int64_t near = row / repeats;
         const std::int64_t far = std::clamp<std::int64_t>(near + (row % 2 == 0 ? -1 : 1), 0, height - 1);
         const float* from = x + channel * plane + first_read;
@@ -426,7 +433,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
     }
     in.first = (line - strip.first_line) * strip.line_tiles;
     for (std::int64_t lane = 0; lane < lanes_; ++lane)
-      if ((word + 1) * lanes_ + lane < g_.ic)
+      if (first_channel + lanes_ + lane < channels)
         for (std::int64_t u = 2; u < tile_ + 2; ++u)
           if (const float* row = rows[lane * (tile_ + 2) + u]; row != memory)
             for (std::int64_t j = 0; j < columns; j += kCacheLine)

@@ -99,7 +99,7 @@ class Conv2dWinogradBase {
   void pack_taps(const float* weight, std::int64_t panel, float* packed) const;
   void list_taps(const float* weight, std::int64_t first_row, std::int64_t first_channel,
                  std::int64_t channels, float* taps) const;
-  void transform_channels(const Strip& strip, std::int64_t word, const float* x, float* v,
+  void transform_channels(const Strip& strip, std::int64_t word, const Conv2dArrays& arrays, float* v,
                           float* memory) const;
   void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
                 float* memory) const;
@@ -123,7 +123,8 @@ class Conv2dWinogradBase {
   const WinogradMultiplier& multiplier_;
   const WinogradTransforms& transforms_;
   Precision precision_;
-  Upsampling upsampling_;
+  Upsampling upsampling_;  // of the first channels
+  std::int64_t joined_;    // the last channels, which are not upsampled
   Conv2dGeometry g_;
   bool gated_, relu_input_;
   bool finishes_rows_;  // the output transform does, with residual and clamp

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <functional>
+#include <optional>
 
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/fusion/rewrites.h"
@@ -80,36 +81,71 @@ Rewrite rewrite_for(const Draft& draft, int i) {
   return {};
 }
 
-/// Convolution `reader` of node i with the rewrite done; null if that cannot be.
-std::shared_ptr<const Conv2dOp> rewritten(const Draft& draft, int reader, int i, const Rewrite& rewrite) {
+/// What a convolution becomes.
+struct Rewritten {
+  std::shared_ptr<const Conv2dOp> op;  // null if that cannot be
+  std::vector<int> inputs;
+};
+
+/// Convolution `reader`, of nothing but its image i, with the rewrite done, made of x and perhaps of a tensor
+/// behind the other inputs.
+Rewritten rewritten(const Draft& draft, int reader, int i, const Rewrite& rewrite, int x,
+                    std::optional<int> joined = std::nullopt) {
   const auto* conv = draft.as<Conv2dOp>(reader);
   std::vector<int> inputs = draft.node(reader).inputs;
-  if (conv == nullptr || inputs[0] != i || std::ranges::count(inputs, i) != 1) return nullptr;
+  if (conv == nullptr || inputs[0] != i || std::ranges::count(inputs, i) != 1) return {};
+  if (joined && inputs.size() < 3) return {};  // there is no bias
   ConvForm form{conv->params(), conv->fusion()};
-  if (!rewrite(form, draft.node(inputs[1]).shape)) return nullptr;
+  if (!rewrite(form, draft.node(inputs[1]).shape)) return {};
   auto op = std::make_shared<const Conv2dOp>(form.params, form.fusion);
-  inputs[0] = draft.node(i).inputs[0];
-  return draft.may_become(reader, *op, inputs) ? op : nullptr;
+  inputs[0] = x;
+  if (joined) inputs.push_back(*joined);
+  return draft.may_become(reader, *op, inputs) ? Rewritten{op, inputs} : Rewritten{};
+}
+
+/// Rewrites all readers of node i or none.
+void rewrite_readers(Draft& draft, int i, const Rewrite& rewrite, int x,
+                     std::optional<int> joined = std::nullopt) {
+  const std::vector<int> readers = draft.readers(i);
+  std::vector<Rewritten> convolutions;
+  convolutions.reserve(readers.size());
+  for (const int reader : readers) {
+    convolutions.push_back(rewritten(draft, reader, i, rewrite, x, joined));
+    if (convolutions.back().op == nullptr) return;
+  }
+  for (std::size_t k = 0; k < readers.size(); ++k)
+    draft.replace(readers[k], convolutions[k].op, std::move(convolutions[k].inputs));
+}
+
+/// Whether node i is a concat of channels: first those of a bilinear enlargement by 2 that nothing else
+/// reads, then another tensor's.
+bool joins_enlarged(const Draft& draft, int i) {
+  const auto* concat = draft.as<ConcatOp>(i);
+  const std::vector<int>& parts = draft.node(i).inputs;
+  if (concat == nullptr || concat->axis() != 1 || parts.size() != 2 || !draft.read_once(parts[0]))
+    return false;
+  const auto* resize = draft.as<ResizeOp>(parts[0]);
+  return resize != nullptr && !resize->fusion().residual &&
+         upsampling_of(*resize, draft.node(draft.node(parts[0]).inputs[0]).shape) == Upsampling::kBilinear;
 }
 
 }  // namespace
 
+void fuse_joined(Draft& draft, int i) {
+  if (!draft.live(i) || draft.result(i) || draft.constant(i) || !joins_enlarged(draft, i)) return;
+  const std::vector<int> parts = draft.node(i).inputs;
+  const std::int64_t channels = draft.node(parts[1]).shape[1];
+  const Rewrite join = [channels](ConvForm& form, const Shape& weight) {
+    form.fusion.joined = channels;
+    return take_upsampling(form, weight, Upsampling::kBilinear);
+  };
+  rewrite_readers(draft, i, join, draft.node(parts[0]).inputs[0], parts[1]);
+}
+
 void fuse_before(Draft& draft, int i) {
   if (!draft.live(i) || draft.result(i) || draft.constant(i)) return;
-  const Rewrite rewrite = rewrite_for(draft, i);
-  if (!rewrite) return;
-  const std::vector<int> readers = draft.readers(i);
-  std::vector<std::shared_ptr<const Conv2dOp>> convolutions;
-  for (const int reader : readers) {
-    convolutions.push_back(rewritten(draft, reader, i, rewrite));
-    if (convolutions.back() == nullptr) return;
-  }
-  const int x = draft.node(i).inputs[0];
-  for (std::size_t k = 0; k < readers.size(); ++k) {
-    std::vector<int> inputs = draft.node(readers[k]).inputs;
-    inputs[0] = x;
-    draft.replace(readers[k], convolutions[k], std::move(inputs));
-  }
+  if (const Rewrite rewrite = rewrite_for(draft, i))
+    rewrite_readers(draft, i, rewrite, draft.node(i).inputs[0]);
 }
 
 }  // namespace slide::ops

@@ -23,7 +23,7 @@ struct FusionOptions {
 ///   then an activation (ops/pointwise/unary_row.h, activation_slope()), or the activation and then the
 ///   add(). A gated convolution has nothing behind it;
 /// - before it, where only convolutions read it: relu(), zero padding, and the upsampling by 2, nearest or
-///   bilinear (half-pixel), of 3×3 convolutions that keep the size.
+///   bilinear (half-pixel), of 3×3 convolutions that keep the size, also of a concat's first tensor.
 ///
 /// Into a group norm go an add() and an activation behind it, in this order; into a resize an add().
 ///

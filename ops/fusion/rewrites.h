@@ -18,6 +18,10 @@ void fuse_behind(Draft& draft, int i);
 /// convolution of the small tensor.
 void convolve_before_resize(Draft& draft, int i);
 
+/// Node i, a concat of a bilinearly enlarged tensor and another one that only convolutions read: they enlarge
+/// and join them themselves.
+void fuse_joined(Draft& draft, int i);
+
 /// Node i, relu(), zero padding or nearest upsampling that only convolutions read: they do it themselves.
 void fuse_before(Draft& draft, int i);
 

@@ -5,6 +5,7 @@
 #include "ops/gated_conv/gated_conv2d.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/resize/resize.h"
+#include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/error.h"
 #include "runtime/reference_executor.h"
 
@@ -33,6 +34,7 @@ struct Pair {
     if (fusion.upsample_input == ops::Upsampling::kNearest) y = ops::upsample_nearest(y, 2);
     if (fusion.upsample_input == ops::Upsampling::kBilinear)
       y = ops::resize_bilinear(y, 2 * x[2], 2 * x[3], false);
+    if (fusion.joined > 0) y = ops::concat({y, v.back()}, 1);
     if (fusion.relu_input) y = ops::relu(y);
     y = fusion.gate ? ops::gated_conv2d(y, v[1], v[2], params) : ops::conv2d(y, v[1], v[2], params);
     if (fusion.residual && !fusion.residual_last) y = ops::add(y, v[3]);
@@ -45,10 +47,13 @@ struct Pair {
                                      ops::Conv2dFusion fusion) {
     std::vector<Tensor> all = {random_tensor(x, 1), random_tensor(weight, 2, 0.2),
                                random_tensor({weight[0]}, 3)};
-    if (!fusion.residual) return all;
-    fusion.residual = false;
-    const std::vector<Shape> shapes = ops::shapes_of(all);
-    all.push_back(random_tensor(ops::Conv2dOp(params, fusion).infer(shapes), 4));
+    std::vector<Shape> shapes = ops::shapes_of(all);
+    if (fusion.joined > 0) shapes.push_back({x[0], fusion.joined, 2 * x[2], 2 * x[3]});
+    if (fusion.residual) {
+      fusion.residual = false;
+      all.push_back(random_tensor(ops::Conv2dOp(params, fusion).infer(shapes), 4));
+    }
+    if (fusion.joined > 0) all.push_back(random_tensor(shapes.back(), 5));
     return all;
   }
 
@@ -153,6 +158,37 @@ TEST_CASE("a convolution of a bilinearly upsampled image is computed from the sm
   }
   // Lines of tiles that are cut into segments, which begin between two columns of one.
   Pair({1, 40, 16, 200}, {32, 40, 3, 3}, same, {.upsample_input = kBilinear}).check();
+}
+
+TEST_CASE(
+    "a convolution of a bilinearly upsampled image and joined channels computes both from where they lie") {
+  const ops::Conv2dParams same = ops::Conv2dParams::same(3);
+  constexpr auto kBilinear = ops::Upsampling::kBilinear;
+  const Shape x{2, 20, 24, 22};
+  Pair(x, {32, 48, 3, 3}, same, {.upsample_input = kBilinear, .joined = 28}).check();
+  Pair(x, {40, 33, 3, 3}, same, {.upsample_input = kBilinear, .joined = 13, .gate = true}).check();
+  Pair(x, {32, 48, 3, 3}, same,
+       {.upsample_input = kBilinear,
+        .joined = 28,
+        .residual = true,
+        .residual_last = true,
+        .activation = unary(ops::UnaryKind::kRelu)})
+      .check();
+  Pair({1, 8, 16, 200}, {36, 40, 3, 3}, same, {.upsample_input = kBilinear, .joined = 32}).check();
+}
+
+TEST_CASE("joined channels must have the upsampled image's size") {
+  Graph g;
+  const Value x = g.input("x", {1, 20, 24, 22});
+  const Value weight = g.input("w", {32, 48, 3, 3});
+  const Value bias = g.input("b", {32});
+  const auto op = std::make_shared<ops::Conv2dOp>(
+      ops::Conv2dParams::same(3),
+      ops::Conv2dFusion{.upsample_input = ops::Upsampling::kBilinear, .joined = 28});
+  CHECK(g.add(op, {x, weight, bias, g.input("j", {1, 28, 48, 44})}).shape() == Shape{1, 32, 48, 44});
+  CHECK_THROWS_AS(g.add(op, {x, weight, bias, g.input("k", {1, 28, 48, 43})}), Error);
+  CHECK_THROWS_AS(g.add(op, {x, weight, bias, g.input("l", {1, 27, 48, 44})}), Error);
+  CHECK_THROWS_AS(g.add(op, {x, weight, bias}), Error);
 }
 
 TEST_CASE("a residual must have the output's shape") {

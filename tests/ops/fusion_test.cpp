@@ -397,6 +397,34 @@ TEST_CASE("bilinear upsampling by two is done by the 3x3 convolutions that read 
   CHECK(types_of(8, false, false) == Types{"resize", "conv2d"});
 }
 
+TEST_CASE("a bilinearly upsampled tensor and one it is concatenated with are read where they are") {
+  const auto types_of = [](std::int64_t up_channels, std::int64_t channels, bool bias, auto&& change) {
+    Graph g;
+    const Value x = g.input("x", {1, up_channels, 24, 22});
+    const Value up = resize_bilinear(x, 48, 44, false);
+    const Value joined = change(g, up, g.input("b", {1, channels, 48, 44}));
+    const std::optional<Value> b = bias ? std::optional(g.parameter("bias", {32})) : std::nullopt;
+    g.output("y", conv2d(joined, g.parameter("w", {32, joined.shape()[1], 3, 3}), b, Conv2dParams::same(3)));
+    return types(*fused(g, {}));
+  };
+  const auto concat_of = [](Graph&, Value up, Value b) { return concat({up, b}, 1); };
+  CHECK(types_of(24, 24, true, concat_of) == Types{"conv2d"});
+  const Types apart = {"resize", "concat", "conv2d"};
+  CHECK(types_of(25, 24, true, concat_of) == apart);  // a word would hold a channel of each
+  CHECK(types_of(4, 8, true, concat_of) == apart);    // Winograd does not pay
+  CHECK(types_of(24, 24, false, concat_of) == apart);
+  CHECK(types_of(24, 24, true, [](Graph&, Value up, Value b) { return concat({b, up}, 1); }) == apart);
+  CHECK(types_of(24, 24, true, [](Graph& g, Value up, Value b) {
+          g.output("up", up);
+          return concat({up, b}, 1);
+        }) == apart);
+  CHECK(types_of(24, 24, true, [](Graph& g, Value up, Value b) {
+          const Value both = concat({up, b}, 1);
+          g.output("both", both);
+          return both;
+        }) == apart);
+}
+
 TEST_CASE("below zero is cut off before bilinear upsampling by a node of its own") {
   Graph g;
   const Value x = g.input("x", {1, 24, 24, 20});
