@@ -456,6 +456,7 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   p.block = block_depth_;
   p.c_stride = product_row_;
   p.row_count = std::min(last_filter * panel_rows_, g_.oc) - first_filter * panel_rows_;
+  p.ahead_stride = panel_rows_ * g_.oplane();
   for (std::int64_t f = 0; f < frequencies_; ++f)
     for (std::int64_t k = 0; k < words_; k += part_depth_) {
       p.depth = std::min(part_depth_, words_ - k);
@@ -467,6 +468,8 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
         p.b = v + f * strip.frequency_stride + panel * strip.panel_stride + k * columns_;
         p.c = memory + (panel - first_panel) * block + f * product_stride_;
         p.column_count = std::min(columns_, strip.tiles() - panel * columns_);
+        p.ahead = k == 0 ? residual_ahead(strip, panel, first_filter * panel_rows_, f, arrays) : nullptr;
+        p.ahead_lines = p.ahead != nullptr ? columns_ * tile_ / kCacheLine : 0;
         multiplier_.multiply(p);
         p.next_b += (last_filter - first_filter) * p.depth * kCacheLine;
       }
@@ -476,6 +479,22 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
     transform_panel(strip, panel, first_filter * panel_rows_, std::min(last_filter * panel_rows_, g_.oc),
                     memory + (panel - first_panel) * block, arrays, sums);
   if (non_temporal_) non_temporal_fence();
+}
+
+/// Of a large residual, what to fetch into the second-level cache while a panel of tiles is multiplied with
+/// the filters from first_filter on at a frequency: of each panel of filters one filter's row of the tiles,
+/// so that all have come when they are transformed back. Null if there is nothing.
+const float* Conv2dWinogradBase::residual_ahead(const Strip& strip, std::int64_t panel,
+                                                std::int64_t first_filter, std::int64_t frequency,
+                                                const Conv2dArrays& arrays) const {
+  const std::int64_t row_of_tiles = frequency / panel_rows_, first = panel * columns_;
+  if (arrays.residual == nullptr || !non_temporal_ || row_of_tiles >= tile_) return nullptr;
+  const std::int64_t line = strip.first_line + first / strip.line_tiles;
+  const std::int64_t row = tile_start(line, tile_, g_.dilation_y) + row_of_tiles * g_.dilation_y;
+  if (row >= g_.oheight) return nullptr;
+  const std::int64_t filter = strip.image * g_.oc + first_filter + frequency % panel_rows_;
+  return arrays.residual + filter * g_.oplane() + row * g_.owidth +
+         (strip.first_tile + first % strip.line_tiles) * tile_;
 }
 
 /// The results of one panel of tiles.

@@ -59,6 +59,9 @@ SLIDE_INLINE void multiply_block(const WinogradProduct& p, std::int64_t first, s
 
 template <typename P, int R, int V>
 void multiply_panel(const WinogradProduct& p) {
+  for (int panel = 0; panel * kRows<P> < R; ++panel)
+    for (std::int64_t i = 0; i < p.ahead_lines; ++i)
+      __builtin_prefetch(p.ahead + panel * p.ahead_stride + i * kCacheLine, 0, kFar);
   Float sums[R][V];
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) for (int v = 0; v < V; ++v) sums[m][v] =
       p.add ? simd::load(p.c + m * p.c_stride + v * kWidth) : simd::zero();
@@ -91,6 +94,7 @@ void multiply_panels(WinogradProduct p) {
     p.a += panels * p.depth * kRows<P>;
     p.c += panels * kRows<P> * p.c_stride;
     p.next_b += panels * p.depth * kCacheLine;
+    p.ahead += panels * p.ahead_stride;
     p.row_count -= panels * kRows<P>;
   };
   // Of one vector of columns, more rows at once: sums enough to hide how long an addition takes.

@@ -81,6 +81,9 @@ struct WinogradProduct {
   std::int64_t c_stride;
   std::int64_t row_count, column_count;
   const float* next_b;  ///< for each panel of a, depth cache lines that are wanted in the second-level cache
+  /// The same: ahead_lines of them, from panel to panel ahead_stride apart.
+  const float* ahead;
+  std::int64_t ahead_lines, ahead_stride;
 };
 
 /// The same sums, in the same order, for one panel of `filters` rows and all columns: c[m, j] is the sum over
