@@ -69,6 +69,7 @@ constexpr double kMostProductsOf2 = 0.77;
 // cache.
 constexpr std::int64_t kSkew = 16;
 constexpr std::int64_t kMaxLanes = 2;
+constexpr std::int64_t kChannelsAhead = 2;  // are fetched while one is transformed
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 std::int64_t round_up(std::int64_t a, std::int64_t b) { return divide_up(a, b) * b; }
@@ -416,6 +417,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   in.columns = columns_;
   in.panel_stride = strip.panel_stride;
   in.frequency_stride = strip.frequency_stride;
+  in.ahead = first_channel + lanes_ + kChannelsAhead <= channels ? kChannelsAhead * plane : 0;
   std::fill_n(memory, columns, 0.0F);
   for (std::int64_t line = strip.first_line; line < strip.last_line; ++line) {
     const std::int64_t top = tile_start(line, tile_, g_.dilation_y) - g_.top;
@@ -432,12 +434,6 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
       }
     }
     in.first = (line - strip.first_line) * strip.line_tiles;
-    for (std::int64_t lane = 0; lane < lanes_; ++lane)
-      if (first_channel + lanes_ + lane < channels)
-        for (std::int64_t u = 2; u < tile_ + 2; ++u)
-          if (const float* row = rows[lane * (tile_ + 2) + u]; row != memory)
-            for (std::int64_t j = 0; j < columns; j += kCacheLine)
-              __builtin_prefetch(row + lanes_ * plane + j);
     transforms_.input[static_cast<int>(precision_)](points_, in);
   }
 }

@@ -103,9 +103,8 @@ class Conv2dWinogradBase {
                           float* memory) const;
   void run_task(const Strip& strip, std::int64_t index, const Conv2dArrays& arrays, const float* v,
                 float* memory) const;
-  [[nodiscard]] const float* residual_ahead(const Strip& strip, std::int64_t panel,
-                                            std::int64_t first_filter, std::int64_t frequency,
-                                            const Conv2dArrays& arrays) const;
+  [[nodiscard]] const float* residual_ahead(const Strip& strip, std::int64_t panel, std::int64_t first_filter,
+                                            std::int64_t frequency, const Conv2dArrays& arrays) const;
   void run_few_tiles(const Strip& strip, const Conv2dArrays& arrays, const float* v, float* products,
                      float* memory, std::int64_t slots) const;
   void multiply_frequency(const Strip& strip, std::int64_t frequency, std::int64_t first_panel,

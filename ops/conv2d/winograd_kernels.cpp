@@ -130,6 +130,13 @@ void split_groups(const float* row, std::int64_t dilation, std::int64_t groups, 
         __builtin_memcpy(phases + p * size + group * dilation + j, row + j, kStep * sizeof(float));
 }
 
+/// Of channels to come the cache line from column j on of all rows but two, which the line before fetched.
+template <int M>
+SLIDE_INLINE void fetch_rows(const WinogradInput& in, const float* const* rows, std::int64_t j) {
+  if (in.ahead != 0)
+    for (int u = 2; u < M + 2; ++u) __builtin_prefetch(rows[u] + in.ahead + j);
+}
+
 /// The vertical transform of rows that hold each two columns once: it is the same for both. Of odd columns
 /// the first is written twice, once before `to`.
 template <int M>
@@ -138,6 +145,7 @@ SLIDE_INLINE void transform_doubled_rows(const Float* square, const Float* point
   const std::int64_t first = in.odd ? -1 : 0;
   for (std::int64_t j = first; j < in.count; j += 2 * kWidth) {
     const std::int64_t rest = in.count - j;
+    fetch_rows<M>(in, rows, (j - first) / 2);
     Float d[M + 2];
     for (int u = 0; u < M + 2; ++u) d[u] = simd::load_some(rows[u] + (j - first) / 2, (rest + 1) / 2);
     if (in.relu)
@@ -167,6 +175,7 @@ SLIDE_INLINE void transform_blended_rows(const Float* square, const Float* point
   const std::int64_t size = M * in.phase_size;
   float* low = in.phases + 1;
   for (std::int64_t k = begin; k < end; k += kWidth) {
+    fetch_rows<M>(in, in.rows + channel * (M + 2), k - begin);
     Float d[M + 2];
     for (int u = 0; u < M + 2; ++u) {
       const int row = channel * (M + 2) + u;
@@ -206,6 +215,7 @@ SLIDE_INLINE void transform_rows(const Float* square, const Float* point, const 
   for (std::int64_t j = 0; j < in.count; j += kWidth) {
     const bool whole = j + kWidth <= in.count;
     const auto rest = static_cast<std::size_t>(in.count - j);
+    fetch_rows<M>(in, rows, j);
     Float d[M + 2];
     for (int u = 0; u < M + 2; ++u)
       d[u] = whole ? simd::load(rows[u] + j) : simd::load_partial(rows[u] + j, rest);

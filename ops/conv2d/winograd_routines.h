@@ -21,6 +21,8 @@ struct WinogradInput {
   /// before that of the first two, but at the image's left edge, and end one after that of the last two, but
   /// at its right edge.
   const float* const* far_rows;
+  /// From rows to those of a channel to come, of which all but the first two are fetched meanwhile; 0: none.
+  std::int64_t ahead;
   std::int64_t left;   ///< columns of zeros first
   std::int64_t count;  ///< then input columns
   std::int64_t used;   ///< then zeros, up to here
