@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "runtime/calibration.h"
 #include "runtime/error.h"
 #include "runtime/safetensors_header.h"
 #include "runtime/safetensors_writer.h"
@@ -44,11 +45,12 @@ std::string checked_model(const WeightReader& reader, const std::string& wanted,
   return wanted;
 }
 
-Metadata metadata_for(const WeightReader& reader, const ConvertReport& report) {
+Metadata metadata_for(const WeightReader& reader, const ConvertReport& report, bool keep_calibration) {
   Metadata metadata = reader.metadata();
   std::erase_if(metadata, [](const auto& entry) {
     return entry.first == "crc32c" || entry.first.starts_with("crc32c.");
   });
+  if (!keep_calibration) metadata.erase(std::string(kCalibrationKey));
   if (report.model != "any") metadata["model"] = report.model;
   metadata["format"] = "pt";  // tells the safetensors tools of others that the layout is PyTorch's
   if (!metadata.contains("source_sha256")) {
@@ -108,7 +110,7 @@ ConvertReport convert(const WeightReader& reader, const std::string& output, con
     report.bytes += info.bytes();
   }
   report.tensors = list.size();
-  SafetensorsWriter writer(output, list, metadata_for(reader, report));
+  SafetensorsWriter writer(output, list, metadata_for(reader, report, options.keep_calibration));
   for (std::size_t i = 0; i < list.size(); ++i)
     if (!copy_tensor(reader, i, list[i].dtype, writer))
       report.warnings.push_back(reader.path() + ": tensor " + list[i].name +

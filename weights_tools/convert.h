@@ -16,6 +16,7 @@ struct ConvertOptions {
   std::string model;
   DType dtype =
       DType::kF32;  ///< of floating-point tensors in the result: kF32, kF16 or kBF16; others stay as they are
+  bool keep_calibration = true;  ///< of a safetensors source
 };
 
 struct ConvertReport {

@@ -53,21 +53,22 @@ void run(const Arguments& arguments) {
   if (arguments.list) std::fputs(listing(*reader).c_str(), stdout);
   if (arguments.verify) std::puts(verify(*reader).c_str());
   if (arguments.output.empty()) return;
+  if (!arguments.photos.empty() && arguments.model == "any")
+    throw Error(ErrorKind::kUsage, "weights of any model cannot be calibrated", "give --model");
   std::vector<Tensor> photos;  // read before anything is written
   for (const std::string& photo : arguments.photos)
     photos.push_back(tensor_from_image(read_photo(photo).colour));
   const std::map<std::string, DType> types = {
       {"f32", DType::kF32}, {"f16", DType::kF16}, {"bf16", DType::kBF16}};
-  const ConvertReport report =
-      convert(*reader, arguments.output, {.model = arguments.model, .dtype = types.at(arguments.dtype)});
+  const ConvertReport report = convert(
+      *reader, arguments.output,
+      {.model = arguments.model, .dtype = types.at(arguments.dtype), .keep_calibration = photos.empty()});
   for (const std::string& warning : report.warnings)
     std::fprintf(stderr, "slide_convert: warning: %s\n", warning.c_str());
   std::printf("%s: %s, %zu tensors, %llu bytes of data\n", arguments.output.c_str(),
               report.model == "any" ? "any model" : report.model.c_str(), report.tensors,
               static_cast<unsigned long long>(report.bytes));
   if (photos.empty()) return;
-  if (report.model == "any")
-    throw Error(ErrorKind::kUsage, "weights of any model cannot be calibrated", "give --model");
   write_calibrated(arguments.output, report.model, photos);
 }
 

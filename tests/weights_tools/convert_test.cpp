@@ -162,6 +162,19 @@ TEST_CASE("a model's name is written, and what does not fit it is refused withou
   CHECK(SafetensorsFile::open(folder.file("w2")).metadata().at("source_file") == "source");
 }
 
+TEST_CASE("a calibration is kept, or dropped before another one, be it broken") {
+  const TemporaryFolder folder;
+  write_safetensors(folder.file("source"), {{"w", Tensor::zeros(DType::kF32, {1})}},
+                    {{"calibration", "broken"}, {"licence", "CC0"}});
+  const std::unique_ptr<WeightReader> reader = open_weights(folder.file("source"));
+  convert(*reader, folder.file("kept"), {.model = "any"});
+  CHECK(SafetensorsFile::open(folder.file("kept")).metadata().at("calibration") == "broken");
+  convert(*reader, folder.file("dropped"), {.model = "any", .keep_calibration = false});
+  const SafetensorsFile dropped = SafetensorsFile::open(folder.file("dropped"));
+  CHECK(!dropped.metadata().contains("calibration"));
+  CHECK(dropped.metadata().at("licence") == "CC0");
+}
+
 TEST_CASE("a value that the dtype cannot hold is an error, one that was never finite a warning") {
   const TemporaryFolder folder;
   write_safetensors(folder.file("large"),
