@@ -160,7 +160,7 @@ def text(x, y, content, anchor='start', size=12, colour='#333'):
 
 def label_box(px, py, width, taken):
     """Where a point's label goes: beside it, or above or below where it would cover another -> left, top, right, bottom."""
-    boxes = [(left, py - 8 + dy, left + width, py + 7 + dy) for dy in (0, -13, 13, -26, 26, -39, 39, -52, 52) for left in (px + 9, px - 9 - width, px - width / 2)]
+    boxes = [(left, py - 8 + dy, left + width, py + 7 + dy) for dy in (0, -5, 5, -13, 13, -26, 26, -39, 39, -52, 52) for left in (px + 9, px - 9 - width, px - width / 2)]
     inside = [b for b in boxes if b[0] > LEFT and b[2] < W and b[1] > TOP and b[3] < H - BOTTOM]
     return min(inside, key=lambda b: sum(b[0] < t[2] and t[0] < b[2] and b[1] < t[3] and t[1] < b[3] for t in taken))
 

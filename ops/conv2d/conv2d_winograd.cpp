@@ -231,6 +231,7 @@ bool Conv2dWinogradBase::pays(int tile, const Conv2dGeometry& g, const Conv2dFus
   const bool possible = g.kheight == 3 && g.kwidth == 3 && g.stride_y == 1 && g.stride_x == 1 &&
                         g.groups == 1 && !(fusion.upsamples() && g.dilation_x != 1);
   if (!possible || g.ic < kMinChannels || g.oc < kMinChannels) return false;
+  // A word holds channels of x or joined ones. Where integers would be faster, those lose more than is won.
   if (fusion.joined > 0 && ((g.ic - fusion.joined) % kMaxLanes != 0 || g.oc < kMinChannelsBf16 ||
                             !Conv2dWinogradBf16<4>::replaces_lower(g)))
     return false;
