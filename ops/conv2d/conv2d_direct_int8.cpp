@@ -9,6 +9,7 @@
 #include "ops/conv2d/conv2d_few_filters.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/resize/resized_rows.h"
+#include "runtime/threads.h"
 
 namespace slide::ops {
 namespace {
@@ -50,17 +51,15 @@ void Conv2dDirectInt8::run(const Conv2dArrays& arrays, std::span<std::byte> scra
   params.size = {2 * image_.h, 2 * image_.w};
   Conv2dArrays upsampled = arrays;
   auto* to = static_cast<float*>(static_cast<void*>(scratch.data()));
-  if (joined_ == 0) {
-    resize_planes(resize_, ResizeOp(params), image_, arrays.x, nullptr, to);
-  } else {
-    const Nchw one{1, image_.c, image_.h, image_.w};
-    const std::int64_t plane = 4 * image_.plane(), channels = image_.c + joined_;
-    for (std::int64_t n = 0; n < image_.n; ++n) {
-      resize_planes(resize_, ResizeOp(params), one, arrays.x + n * image_.c * image_.plane(), nullptr,
-                    to + n * channels * plane);
-      std::copy_n(arrays.joined + n * joined_ * plane, joined_ * plane,
-                  to + (n * channels + image_.c) * plane);
-    }
+  const Nchw one{1, image_.c, image_.h, image_.w};
+  const std::int64_t plane = 4 * image_.plane(), channels = image_.c + joined_;
+  for (std::int64_t n = 0; n < image_.n; ++n) {
+    float* image = to + n * channels * plane;
+    resize_planes(resize_, ResizeOp(params), one, arrays.x + n * image_.c * image_.plane(), nullptr, image);
+    parallel_for(joined_, [&](std::int64_t channel) {
+      std::copy_n(arrays.joined + (n * joined_ + channel) * plane, plane,
+                  image + (image_.c + channel) * plane);
+    });
   }
   upsampled.x = to;
   Conv2dDirect::run(upsampled, scratch.subspan(upsampled_bytes(image_, joined_)));

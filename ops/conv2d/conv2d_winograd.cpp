@@ -281,7 +281,7 @@ double Conv2dWinogradBase::error_factor() const noexcept {
   const std::int64_t product =
       (rounded ? g_.ic : block_depth_ + divide_up(g_.ic, block_depth_)) + (1 - fused);
   const std::int64_t output = pairs + 1 + (1 - fused);
-  const std::int64_t weight = rounded && late_ ? 6 : 1;
+  const std::int64_t weight = rounded && late_ ? 6 : 1;  // float32: a product, two sums in each direction
   const auto roundings = static_cast<double>(2 * input + weight + product + 2 * output + 1);
   if (!rounded) return 1.001 * roundings;
   return (late_ ? 3.02 : 2.01) + 1.01 * roundings * 0x1p-16;
@@ -453,7 +453,6 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
   p.block = block_depth_;
   p.c_stride = product_row_;
   p.row_count = std::min(last_filter * panel_rows_, g_.oc) - first_filter * panel_rows_;
-  p.ahead_stride = panel_rows_ * g_.oplane();
   for (std::int64_t f = 0; f < frequencies_; ++f)
     for (std::int64_t k = 0; k < words_; k += part_depth_) {
       p.depth = std::min(part_depth_, words_ - k);
@@ -467,6 +466,7 @@ void Conv2dWinogradBase::run_task(const Strip& strip, std::int64_t index, const 
         p.column_count = std::min(columns_, strip.tiles() - panel * columns_);
         p.ahead = k == 0 ? residual_ahead(strip, panel, first_filter * panel_rows_, f, arrays) : nullptr;
         p.ahead_lines = p.ahead != nullptr ? columns_ * tile_ / kCacheLine : 0;
+        p.ahead_stride = p.ahead != nullptr ? panel_rows_ * g_.oplane() : 0;
         multiplier_.multiply(p);
         p.next_b += (last_filter - first_filter) * p.depth * kCacheLine;
       }

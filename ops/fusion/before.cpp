@@ -64,21 +64,53 @@ Upsampling upsampling_of(const ResizeOp& resize, const Shape& x) {
   return rows == upsampling_of(resize.axis(1, x[3]), x[3]) ? rows : Upsampling::kNone;
 }
 
-/// How a convolution takes node i in; empty if none does.
-Rewrite rewrite_for(const Draft& draft, int i) {
+/// A node that convolutions may take in.
+struct Taken {
+  Rewrite rewrite;
+  int x;                      // what they read instead of it
+  std::optional<int> joined;  // ... and behind their other inputs, which must have a bias
+};
+
+std::optional<Taken> taken_resize(const Draft& draft, int i) {
+  const auto* resize = draft.as<ResizeOp>(i);
+  if (resize == nullptr || resize->fusion().residual) return std::nullopt;
+  const int x = draft.node(i).inputs[0];
+  const Upsampling upsampling = upsampling_of(*resize, draft.node(x).shape);
+  if (upsampling == Upsampling::kNone) return std::nullopt;
+  return Taken{
+      [upsampling](ConvForm& form, const Shape& weight) { return take_upsampling(form, weight, upsampling); },
+      x, std::nullopt};
+}
+
+/// A concat of channels: first those of a bilinear enlargement by 2 that nothing else reads, then another
+/// tensor's.
+std::optional<Taken> taken_concat(const Draft& draft, int i) {
+  const auto* concat = draft.as<ConcatOp>(i);
+  const std::vector<int>& parts = draft.node(i).inputs;
+  if (concat == nullptr || concat->axis() != 1 || parts.size() != 2 || !draft.read_once(parts[0]))
+    return std::nullopt;
+  std::optional<Taken> taken = taken_resize(draft, parts[0]);
+  if (!taken) return std::nullopt;
+  taken->joined = parts[1];
+  const std::int64_t channels = draft.node(parts[1]).shape[1];
+  taken->rewrite = [enlarge = std::move(taken->rewrite), channels](ConvForm& form, const Shape& weight) {
+    form.fusion.joined = channels;
+    return enlarge(form, weight) && form.fusion.upsample_input == Upsampling::kBilinear;
+  };
+  return taken;
+}
+
+/// How convolutions take node i in, if they can.
+std::optional<Taken> taken(const Draft& draft, int i) {
   if (const auto* unary = draft.as<UnaryOp>(i); unary != nullptr && unary->kind() == UnaryKind::kRelu)
-    return take_relu;
+    return Taken{take_relu, draft.node(i).inputs[0], std::nullopt};
   if (const auto* pad = draft.as<PadOp>(i);
       pad != nullptr && pad->mode() == PadMode::kConstant && pad->value() == 0)
-    return [padding = pad->padding()](ConvForm& form, const Shape&) { return take_padding(form, padding); };
-  if (const auto* resize = draft.as<ResizeOp>(i); resize != nullptr && !resize->fusion().residual) {
-    const Upsampling upsampling = upsampling_of(*resize, draft.node(draft.node(i).inputs[0]).shape);
-    if (upsampling != Upsampling::kNone)
-      return [upsampling](ConvForm& form, const Shape& weight) {
-        return take_upsampling(form, weight, upsampling);
-      };
-  }
-  return {};
+    return Taken{
+        [padding = pad->padding()](ConvForm& form, const Shape&) { return take_padding(form, padding); },
+        draft.node(i).inputs[0], std::nullopt};
+  if (std::optional<Taken> resize = taken_resize(draft, i)) return resize;
+  return taken_concat(draft, i);
 }
 
 /// What a convolution becomes.
@@ -87,65 +119,36 @@ struct Rewritten {
   std::vector<int> inputs;
 };
 
-/// Convolution `reader`, of nothing but its image i, with the rewrite done, made of x and perhaps of a tensor
-/// behind the other inputs.
-Rewritten rewritten(const Draft& draft, int reader, int i, const Rewrite& rewrite, int x,
-                    std::optional<int> joined = std::nullopt) {
+/// Convolution `reader`, of nothing but its image i, with i taken in.
+Rewritten rewritten(const Draft& draft, int reader, int i, const Taken& taken) {
   const auto* conv = draft.as<Conv2dOp>(reader);
   std::vector<int> inputs = draft.node(reader).inputs;
   if (conv == nullptr || inputs[0] != i || std::ranges::count(inputs, i) != 1) return {};
-  if (joined && inputs.size() < 3) return {};  // there is no bias
+  if (taken.joined && inputs.size() < 3) return {};  // there is no bias
   ConvForm form{conv->params(), conv->fusion()};
-  if (!rewrite(form, draft.node(inputs[1]).shape)) return {};
+  if (!taken.rewrite(form, draft.node(inputs[1]).shape)) return {};
   auto op = std::make_shared<const Conv2dOp>(form.params, form.fusion);
-  inputs[0] = x;
-  if (joined) inputs.push_back(*joined);
+  inputs[0] = taken.x;
+  if (taken.joined) inputs.push_back(*taken.joined);
   return draft.may_become(reader, *op, inputs) ? Rewritten{op, inputs} : Rewritten{};
-}
-
-/// Rewrites all readers of node i or none.
-void rewrite_readers(Draft& draft, int i, const Rewrite& rewrite, int x,
-                     std::optional<int> joined = std::nullopt) {
-  const std::vector<int> readers = draft.readers(i);
-  std::vector<Rewritten> convolutions;
-  convolutions.reserve(readers.size());
-  for (const int reader : readers) {
-    convolutions.push_back(rewritten(draft, reader, i, rewrite, x, joined));
-    if (convolutions.back().op == nullptr) return;
-  }
-  for (std::size_t k = 0; k < readers.size(); ++k)
-    draft.replace(readers[k], convolutions[k].op, std::move(convolutions[k].inputs));
-}
-
-/// Whether node i is a concat of channels: first those of a bilinear enlargement by 2 that nothing else
-/// reads, then another tensor's.
-bool joins_enlarged(const Draft& draft, int i) {
-  const auto* concat = draft.as<ConcatOp>(i);
-  const std::vector<int>& parts = draft.node(i).inputs;
-  if (concat == nullptr || concat->axis() != 1 || parts.size() != 2 || !draft.read_once(parts[0]))
-    return false;
-  const auto* resize = draft.as<ResizeOp>(parts[0]);
-  return resize != nullptr && !resize->fusion().residual &&
-         upsampling_of(*resize, draft.node(draft.node(parts[0]).inputs[0]).shape) == Upsampling::kBilinear;
 }
 
 }  // namespace
 
-void fuse_joined(Draft& draft, int i) {
-  if (!draft.live(i) || draft.result(i) || draft.constant(i) || !joins_enlarged(draft, i)) return;
-  const std::vector<int> parts = draft.node(i).inputs;
-  const std::int64_t channels = draft.node(parts[1]).shape[1];
-  const Rewrite join = [channels](ConvForm& form, const Shape& weight) {
-    form.fusion.joined = channels;
-    return take_upsampling(form, weight, Upsampling::kBilinear);
-  };
-  rewrite_readers(draft, i, join, draft.node(parts[0]).inputs[0], parts[1]);
-}
-
+/// All readers take it in or none.
 void fuse_before(Draft& draft, int i) {
   if (!draft.live(i) || draft.result(i) || draft.constant(i)) return;
-  if (const Rewrite rewrite = rewrite_for(draft, i))
-    rewrite_readers(draft, i, rewrite, draft.node(i).inputs[0]);
+  const std::optional<Taken> node = taken(draft, i);
+  if (!node) return;
+  const std::vector<int> readers = draft.readers(i);
+  std::vector<Rewritten> convolutions;
+  convolutions.reserve(readers.size());
+  for (const int reader : readers) {
+    convolutions.push_back(rewritten(draft, reader, i, *node));
+    if (convolutions.back().op == nullptr) return;
+  }
+  for (std::size_t k = 0; k < readers.size(); ++k)
+    draft.replace(readers[k], convolutions[k].op, std::move(convolutions[k].inputs));
 }
 
 }  // namespace slide::ops

@@ -14,10 +14,7 @@ std::unique_ptr<Graph> fuse(const Graph& graph, const FusionOptions& options) {
   for (int i = 0; i < nodes; ++i) fuse_behind(draft, i);
   for (int i = 0; i < nodes; ++i) convolve_before_resize(draft, i);
   // Against the order: what stands before a convolution shows when all behind it has been taken in.
-  for (int i = nodes - 1; i >= 0; --i) {
-    fuse_joined(draft, i);
-    fuse_before(draft, i);
-  }
+  for (int i = nodes - 1; i >= 0; --i) fuse_before(draft, i);
   return draft.graph();
 }
 

@@ -18,11 +18,8 @@ void fuse_behind(Draft& draft, int i);
 /// convolution of the small tensor.
 void convolve_before_resize(Draft& draft, int i);
 
-/// Node i, a concat of a bilinearly enlarged tensor and another one that only convolutions read: they enlarge
-/// and join them themselves.
-void fuse_joined(Draft& draft, int i);
-
-/// Node i, relu(), zero padding or nearest upsampling that only convolutions read: they do it themselves.
+/// Node i, relu(), zero padding, upsampling by 2, or a concat of what was so upsampled bilinearly and another
+/// tensor, that only convolutions read: they do it themselves.
 void fuse_before(Draft& draft, int i);
 
 }  // namespace slide::ops
