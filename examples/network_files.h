@@ -18,8 +18,7 @@ class NetworkFiles {
   /// @param default_model  the name of the weights inside
   /// @param role  "depth", "inpaint", "saliency", "matting": for messages
   /// @throws Error(kBadWeights) for a file that cannot be read or does not say what it is for, Error(kUsage)
-  /// for an
-  ///   unknown model
+  /// for an unknown model, and for one whose weights are neither given nor inside
   graphs::NetworkChoice open(const std::string& file, const std::string& model,
                              const std::string& default_model, const std::string& role);
 

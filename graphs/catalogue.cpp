@@ -114,7 +114,7 @@ std::vector<Model> own_models() {
        .description = "depth-aware RGBD inpainting, the default",
        .inputs = {"rgbd", "disparity", "hole"},
        .outputs = {"rgbd"},
-       .size = {.multiple = 4},
+       .size = {.multiple = 8},
        .unread = {},
        .build = build_slide_inpaint},
       {.name = "slide_matte",

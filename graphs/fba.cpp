@@ -115,8 +115,6 @@ Value pyramid_pooling(const Layers& layers, Value conv5) {
   return ops::concat(levels, 1);
 }
 
-Value up(Value x) { return ops::resize_bilinear(x, 2 * x.shape()[2], 2 * x.shape()[3], false); }
-
 /// conv_up1 to conv_up3: convolutions with norms, at 0, 3, ... of a Sequential.
 Value conv_up(const Layers& layers, Value x, std::string_view name, std::int64_t filters, int count) {
   {
@@ -138,9 +136,9 @@ Value decode(const Layers& layers, const Features& features, const FbaInputs& in
   const auto scope = in.image.graph().scope("decoder");
   Value x = pyramid_pooling(layers, features.layer4);
   x = conv_up(layers, x, "conv_up1", 256, 2);
-  x = conv_up(layers, ops::concat({up(x), features.layer1}, 1), "conv_up2", 256, 1);
-  x = conv_up(layers, ops::concat({up(x), features.conv1}, 1), "conv_up3", 64, 1);
-  return conv_up4(ops::concat({up(x), in.image_n, in.image, in.two_chan_trimap}, 1));
+  x = conv_up(layers, ops::concat({ops::upsample_bilinear(x), features.layer1}, 1), "conv_up2", 256, 1);
+  x = conv_up(layers, ops::concat({ops::upsample_bilinear(x), features.conv1}, 1), "conv_up3", 64, 1);
+  return conv_up4(ops::concat({ops::upsample_bilinear(x), in.image_n, in.image, in.two_chan_trimap}, 1));
 }
 
 Value sum_of_channels(Value x) {

@@ -39,7 +39,7 @@ Value fuse_features(Value path, Value level, const FusionBlock& block, std::stri
 Value depth_head(Value x, std::int64_t channels) {
   const auto scope = x.graph().scope("output_conv");
   x = conv2d(x, "0", {.filters = channels});
-  x = ops::resize_bilinear(x, 2 * x.shape()[2], 2 * x.shape()[3], false);
+  x = ops::upsample_bilinear(x);
   x = ops::relu(conv2d(x, "2", {.filters = 32}));
   return ops::relu(conv2d(x, "4", {.filters = 1, .kernel = 1}));
 }

@@ -59,7 +59,7 @@ Value fuse(Value path, std::optional<Value> level) {
   if (level) path = ops::add(path, residual_conv_unit(*level, "resConfUnit1", ResidualSkip::kAsGiven));
   path = residual_conv_unit(path, "resConfUnit2", ResidualSkip::kAsGiven);
   path = conv2d(path, "out_conv", {.filters = kFeatures, .kernel = 1});
-  return ops::resize_bilinear(path, 2 * path.shape()[2], 2 * path.shape()[3], false);
+  return ops::upsample_bilinear(path);
 }
 
 }  // namespace
@@ -76,7 +76,7 @@ Value slide_depth(Value x) {
     path = i == 3 ? fuse(level, std::nullopt) : fuse(path, level);
   }
   path = ops::relu(conv2d(path, "out1", {.filters = 24}));
-  path = ops::resize_bilinear(path, 2 * path.shape()[2], 2 * path.shape()[3], false);
+  path = ops::upsample_bilinear(path);
   path = ops::relu(conv2d(path, "out2", {.filters = 16}));
   return conv2d(path, "out3", {.filters = 1, .kernel = 1});
 }

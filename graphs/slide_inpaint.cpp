@@ -2,7 +2,6 @@
 
 #include <algorithm>
 
-#include "graphs/gated_layers.h"
 #include "graphs/layers.h"
 #include "ops/fill/fill.h"
 #include "ops/fill/mirror.h"
@@ -29,12 +28,11 @@ constexpr std::int64_t kMatteReach = 20;
 constexpr double kClear = 0.1;
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
-
-struct Fill {
-  Value smooth;    ///< RGBD
-  Value textured;  ///< the same, with detail()
-  Value weight;    ///< of the colours
-};
+// The probabilities of background that weights of 0 and 1 stand for: what is doubtful gives no colour.
+constexpr double kLow = 0.35;
+constexpr double kHigh = 0.85;
+constexpr std::int64_t kWidth = 16;  // features at half the size
+constexpr std::int64_t kMultiple = 8;
 
 /// The largest value of the window of that side around each pixel.
 Value largest_around(Value x, std::int64_t side) {
@@ -42,36 +40,51 @@ Value largest_around(Value x, std::int64_t side) {
   return ops::max_pool2d(x, {.kernel = {side, side}, .stride = {1, 1}, .padding = {pad, pad, pad, pad}});
 }
 
-Fill fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
-  const Value rgb = ops::slice(rgbd, 1, 0, 3);
-  const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
-  const Value by_disparity = colour_weight(disparity, behind);
-  const Value colours = matte ? matted_weight(by_disparity, *matte) : by_disparity;
-  const Value smooth = ops::push_pull_fill(rgb, colours, kSweeps);
-  const Value signed_behind = ops::affine(behind, 2, -1);
-  return {tapped("filled", ops::concat({smooth, signed_behind}, 1)),
-          ops::concat({ops::add(smooth, detail(rgb, colours)), signed_behind}, 1), colours};
+Value layer(Value x, std::string_view name, const ConvLayer& convolution) {
+  return tapped(name, ops::relu(conv2d(x, name, convolution)));
 }
 
-/// The paper's coarse network without its masking and its tanh.
-Value correction(Value x) {
-  const std::int64_t c = kSlideInpaintWidth;
-  x = gated_conv(x, "conv1", {.channels = c, .kernel = 5, .stride = 2});
-  x = gated_conv(x, "conv2", {.channels = c});
-  x = gated_conv(x, "conv3", {.channels = 2 * c, .stride = 2});
-  x = gated_conv(x, "conv4", {.channels = 2 * c});
-  x = gated_conv(x, "conv5", {.channels = 4 * c});
-  x = gated_conv(x, "conv6", {.channels = 4 * c, .dilation = 2});
-  x = gated_conv(x, "conv7", {.channels = 4 * c, .dilation = 4});
-  x = gated_conv(x, "conv8", {.channels = 4 * c, .dilation = 8});
-  x = gated_conv(x, "conv9", {.channels = 4 * c, .dilation = 16});
-  x = gated_conv(x, "conv10", {.channels = 4 * c});
-  x = gated_conv(x, "conv11", {.channels = 4 * c});
-  x = gated_conv(ops::upsample_nearest(x, 2), "conv12", {.channels = 2 * c});
-  x = gated_conv(x, "conv13", {.channels = 2 * c});
-  x = gated_conv(ops::upsample_nearest(x, 2), "conv14", {.channels = c});
-  x = gated_conv(x, "conv15", {.channels = c / 2});
-  return plain_conv(x, "conv16", 4);
+/// Of a tensor of half the size, enlarged, and what is joined to it.
+Value joining_layer(Value half, Value other, std::string_view name, std::int64_t channels) {
+  return layer(ops::concat({ops::upsample_bilinear(half), other}, 1), name, {channels});
+}
+
+/// By how much the log odds of being background change.
+Value log_odds_change(Value x) {
+  const Value half = layer(layer(x, "conv1", {kWidth, 5, 2}), "conv2", {kWidth});
+  const Value quarter = layer(layer(half, "conv3", {2 * kWidth, 3, 2}), "conv4", {2 * kWidth});
+  Value y = layer(quarter, "conv5", {3 * kWidth, 3, 2});
+  y = layer(y, "conv6", {3 * kWidth});
+  y = layer(y, "conv7", {3 * kWidth, 3, 1, 2});
+  y = layer(y, "conv8", {3 * kWidth, 3, 1, 4});
+  y = layer(y, "conv9", {3 * kWidth, 3, 1, 8});
+  y = joining_layer(y, quarter, "conv10", 2 * kWidth);
+  y = joining_layer(y, half, "conv11", kWidth / 2);
+  y = joining_layer(y, x, "conv12", kWidth / 2);
+  return conv2d(y, "conv13", {1});
+}
+
+/// colour_weight(), as the network corrects it.
+Value weight_by_network(Value rgb, Value disparity, Value behind, Value weight, Value hole) {
+  const Value smooth = ops::push_pull_fill(rgb, weight, kSweeps);
+  const Value change = log_odds_change(ops::concat({rgb, smooth, disparity, behind, weight, hole}, 1));
+  // Odds p : 1 - p, times e^change, are those of p / (p + (1 - p)·e^-change).
+  const Value p = ops::affine(weight, kHigh - kLow, kLow);
+  const Value other = ops::mul(ops::affine(p, -1, 1), ops::exp(ops::affine(change, -1, 0)));
+  const Value moved = ops::div(p, ops::add(p, other));
+  return tapped("weight",
+                ops::clip(ops::affine(moved, 1 / (kHigh - kLow), -kLow / (kHigh - kLow)), kRest, 1));
+}
+
+/// The fill, with weights by disparity or corrected by the network.
+Value fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte, bool network) {
+  const Value rgb = ops::slice(rgbd, 1, 0, 3);
+  const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
+  Value weight = colour_weight(disparity, behind);
+  if (network) weight = weight_by_network(rgb, disparity, behind, weight, hole);
+  if (matte) weight = matted_weight(weight, *matte);
+  const Value smooth = ops::push_pull_fill(rgb, weight, kSweeps);
+  return ops::concat({ops::add(smooth, detail(rgb, weight)), ops::affine(behind, 2, -1)}, 1);
 }
 
 }  // namespace
@@ -114,15 +127,14 @@ Value detail(Value rgb, Value weight) {
 
 Value background_fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
   require_image("background_fill", rgbd, 4, 1);
-  return fill(rgbd, disparity, hole, matte).textured;
+  return fill(rgbd, disparity, hole, matte, false);
 }
 
 Value slide_inpaint(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
-  require_image("slide_inpaint", rgbd, 4, 4);
-  require_image("slide_inpaint", disparity, 1, 4);
-  require_image("slide_inpaint", hole, 1, 4);
-  const auto [smooth, textured, weight] = fill(rgbd, disparity, hole, matte);
-  return ops::add(textured, correction(ops::concat({smooth, weight, hole}, 1)));
+  require_image("slide_inpaint", rgbd, 4, kMultiple);
+  require_image("slide_inpaint", disparity, 1, kMultiple);
+  require_image("slide_inpaint", hole, 1, kMultiple);
+  return fill(rgbd, disparity, hole, matte, true);
 }
 
 }  // namespace slide::graphs

@@ -52,20 +52,19 @@ Value detail(Value rgb, Value weight);
 
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
 /// smoothly: colours by colour_weight(), or with a matte matted_weight(), and with detail(), disparity by
-/// background_weight(). What inpainting without a network is, and what slide_inpaint corrects.
+/// background_weight(). What inpainting without a network is.
 /// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 Value background_fill(Value rgbd, Value disparity, Value hole,
                       const std::optional<SubjectMatte>& matte = std::nullopt);
 
-/// Channels after the first gate of slide_inpaint.
-inline constexpr std::int64_t kSlideInpaintWidth = 12;
-
-/// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill,
-/// corrected by the paper's coarse network (Jampani et al., ICCV 2021, supplement, table T1) at half its
-/// width, which sees the fill, the weight of its colours and the hole.
-/// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read; H and W multiples of 4
+/// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill, with
+/// a network that tells which pixels around the hole are background. It sees the picture, a fill by
+/// colour_weight(), disparity, the background's, that weight w and the hole, and gives a change c of the log
+/// odds of being background: with p = 0.35 + 0.5·w, w' = clip(2·p / (p + (1 - p)·e^-c) - 0.7, 1e-8, 1), so
+/// that what is doubtful gives no colour. Zero changes nothing.
+/// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read; H and W multiples of 8
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 /// @return 1×4×H×W, about [-1,1], not clipped

@@ -213,7 +213,7 @@ InpaintReach inpaint_reach(const NetworkChoice& network) {
   // Attention reaches everywhere; the dilated branches of both stages reach twice the coarse network's
   // radius.
   if (network.model == "inpaint_deepfill") return {2 * kCoarse + 8, 8, false};
-  return {kCoarse + 8, 4, false};  // slide_inpaint and the fill: averages of ever wider surroundings
+  return {kCoarse + 8, 8, false};  // slide_inpaint and the fill: averages of ever wider surroundings
 }
 
 }  // namespace slide::graphs

@@ -56,8 +56,8 @@ CASES = [
     Case('fba_512x512', 'fba', 'Fba', (512, 512)),
     Case('slide_depth_256x384', 'slide_depth', 'SlideDepth', (256, 384), weights='weights/slide_depth.safetensors', quick=True,
          quantise=True),
-    Case('slide_inpaint_256x256', 'slide_inpaint', 'SlideInpaint', (256, 256), weights='weights/slide_inpaint.safetensors', onnx=False),
-    Case('slide_inpaint_672x1008', 'slide_inpaint', 'SlideInpaint', (672, 1008), weights='weights/slide_inpaint.safetensors', onnx=False),
+    Case('slide_inpaint_256x256', 'slide_inpaint', 'InpaintNet', (256, 256), weights='weights/slide_inpaint.safetensors', onnx=False),
+    Case('slide_inpaint_672x1008', 'slide_inpaint', 'InpaintNet', (672, 1008), weights='weights/slide_inpaint.safetensors', onnx=False),
 ]
 
 

@@ -8,7 +8,7 @@ import torch.nn.functional as F
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../weights_tools/train'))
 from depth_net import DepthNet, Pointwise  # noqa: E402
-from inpaint_net import InpaintNet  # noqa: E402
+from inpaint_net import InpaintNet  # noqa: E402, F401 (a case names it)
 
 
 def named(**children):
@@ -505,14 +505,3 @@ class SlideDepth(DepthNet):
 
     def forward(self, x):
         return super().forward(x)[:, None]
-
-
-class SlideInpaint(InpaintNet):
-    def __init__(self):
-        super().__init__()
-        for i in range(1, 16):  # gates that are exported as one Split
-            conv = getattr(self, f'conv{i}').conv
-            setattr(self, f'conv{i}', Gated(conv.in_channels, conv.out_channels // 2, conv.kernel_size[0], conv.stride[0], conv.dilation[0]))
-
-    def forward(self, rgbd, disparity, hole):
-        return super().forward(rgbd, disparity, hole)

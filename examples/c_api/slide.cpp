@@ -61,8 +61,8 @@ slide::graphs::SlideLayers make_layers(const slide::graphs::SlideInput& input, c
   slide::NetworkFiles files;
   slide::graphs::SlideModels models;
   if (input.disparity.empty()) models.depth = files.open(text(s.depth_weights), "", "slide_depth", "depth");
-  if (s.inpaint_weights != nullptr)
-    models.inpaint = files.open(s.inpaint_weights, "", "slide_inpaint", "inpaint");
+  if (text(s.inpaint_weights) != "fill")
+    models.inpaint = files.open(text(s.inpaint_weights), "", "slide_inpaint", "inpaint");
   slide::graphs::SlideOptions options;
   options.layering.parallax = parallax;
   options.memory_limit = s.memory_limit;

@@ -45,7 +45,7 @@ typedef struct slide_settings {
   double fps;                  /* default 30 */
   size_t memory_limit;         /* bytes for a stage; 0 (default): none */
   const char* depth_weights;   /* a safetensors file; NULL (default): the weights inside the library */
-  const char* inpaint_weights; /* likewise; NULL (default): the depth-aware fill, no network */
+  const char* inpaint_weights; /* likewise; "fill": the depth-aware fill alone, no network */
   const char* precision;       /* "fp32", "bf16", "int8" or "auto"; NULL (default): fp32 */
   double error_budget;     /* relative error that a network's result may be expected to have, the precisions
                               down to that one mixed: 1e-7 to 0.5; 0 (default): none, for auto 0.01 */

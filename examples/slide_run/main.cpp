@@ -59,6 +59,9 @@ void check_combinations(const Options& o, const std::vector<std::string>& photos
   if (many && !o.layers.empty())
     throw Error(ErrorKind::kUsage,
                 "--layers belongs to one photo, and there are " + std::to_string(photos.size()));
+  if (o.inpaint_model == kFillAlone && !o.inpaint_weights.empty())
+    throw Error(ErrorKind::kUsage, "--inpaint-model fill has no weights, and --inpaint-weights gives some",
+                "leave one of them out");
   for (const std::string& photo : photos) (void)output_names(photo, many, o);
   (void)parse_size(o.size, 640, 480);
   if (!o.max_memory.empty()) (void)parse_bytes(o.max_memory);

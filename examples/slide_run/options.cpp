@@ -46,8 +46,7 @@ void declare_input(CLI::App& app, Options& o) {
 }
 
 void declare_networks(CLI::App& app, Options& o) {
-  const char* group =
-      "Networks (default: slide_depth and slide_matte inside this program; the depth-aware fill inpaints)";
+  const char* group = "Networks (default: slide_depth, slide_inpaint and slide_matte inside this program)";
   const auto network = [&](const char* role, std::string& weights, std::string& model, const char* models) {
     const std::string flag = std::string("--") + role;
     app.add_option(flag + "-weights", weights,
@@ -60,7 +59,8 @@ void declare_networks(CLI::App& app, Options& o) {
         ->type_name("NAME");
   };
   network("depth", o.depth_weights, o.depth_model, "slide_depth, midas_v21, midas_v21_small");
-  network("inpaint", o.inpaint_weights, o.inpaint_model, "slide_inpaint, inpaint_coarse, inpaint_deepfill");
+  network("inpaint", o.inpaint_weights, o.inpaint_model,
+          "slide_inpaint, inpaint_coarse, inpaint_deepfill; fill: none, the depth-aware fill alone");
   network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");
   network("matting", o.matting_weights, o.matting_model, "fba, which refines the matte of --matte auto");
 }

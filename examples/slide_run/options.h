@@ -10,6 +10,9 @@
 
 namespace slide::run {
 
+/// What --inpaint-model says instead of a network: the depth-aware fill alone.
+inline constexpr const char* kFillAlone = "fill";
+
 /// Everything that slide_run's command line can say. Defaults are those that --help shows.
 struct Options {
   // Input

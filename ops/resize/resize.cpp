@@ -172,6 +172,11 @@ Value resize_bicubic(Value x, std::int64_t height, std::int64_t width) {
   return resize(x, params);
 }
 
+Value upsample_bilinear(Value x) {
+  const Nchw in = nchw(x.shape());
+  return resize_bilinear(x, 2 * in.h, 2 * in.w, false);
+}
+
 Value upsample_nearest(Value x, std::int64_t factor) {
   const Nchw in = nchw(x.shape());
   require_at_least("upsampling factor", factor, 1);

@@ -36,6 +36,8 @@ Value resize(Value x, const ResizeParams& params);
 
 /// Bilinear to a size, as torch.nn.functional.interpolate(mode='bilinear') computes it.
 Value resize_bilinear(Value x, std::int64_t height, std::int64_t width, bool align_corners);
+/// The same to twice the size, without aligned corners.
+Value upsample_bilinear(Value x);
 /// Bicubic (a = -0.75, half-pixel) to a size, as torch and OpenCV compute it.
 Value resize_bicubic(Value x, std::int64_t height, std::int64_t width);
 /// Nearest, each pixel repeated factor × factor times.

@@ -83,6 +83,22 @@ TEST_CASE("a scene without relief is one layer, and the report says that nothing
   CHECK(!fs::exists(folder.file("layers/background.png")));
 }
 
+TEST_CASE("the network inside inpaints, or the fill alone") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto inpainting = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> call = {scene.photo,           "--depth",  scene.depth, "-o",
+                                     folder.file("{}.y4m"), "--frames", "2",         "--json"};
+    call.insert(call.end(), more.begin(), more.end());
+    const ProgramResult result = slide_run(call);
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    return nlohmann::json::parse(result.output)["photos"][0]["inpainting"].get<std::string>();
+  };
+  CHECK(inpainting({}) == "slide_inpaint");
+  CHECK(inpainting({"--inpaint-model", "slide_inpaint"}) == "slide_inpaint");
+  CHECK(inpainting({"--inpaint-model", "fill"}) == "fill");
+}
+
 TEST_CASE("the same bytes come out at one and at three threads") {
   const TemporaryFolder folder;
   const Scene scene(folder);
@@ -127,6 +143,8 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--max-memory", "lots"},
       {scene.photo, "--size", "12x"},
       {scene.photo, "--isa", "mmx"},
+      {scene.photo, "--depth-model", "midas_v21"},
+      {scene.photo, "--inpaint-model", "fill", "--inpaint-weights", "formula"},
       {scene.photo, "--depth", scene.depth, "--near", "5", "--far", "2"},
       {scene.photo, "--depth", scene.depth, "--depth-kind", "deep"},
       {scene.photo, "--depth", scene.depth, "--maxpool", "4"},

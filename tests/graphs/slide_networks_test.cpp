@@ -10,6 +10,7 @@
 #include "graphs/stages.h"
 #include "ops/fill/fill.h"
 #include "ops/pointwise/pointwise.h"
+#include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
@@ -161,6 +162,37 @@ TEST_CASE("a matte without a subject leaves the fill's bytes as they are") {
   CHECK(max_abs_difference(run.tensor("estimated"), run.tensor("plain")) == 0);
 }
 
+TEST_CASE(
+    "slide_inpaint is the fill where its last layer says nothing, the picture where all is background") {
+  const SafetensorsFile file = golden();
+  const SafetensorsFile given =
+      SafetensorsFile::open(SLIDE_TEST_DATA "/../../weights/slide_inpaint.safetensors");
+  Graph g;
+  const Shape map{1, 1, 64, 96};
+  const Value rgbd = g.input("rgbd", map.with(1, 4));
+  const Value d = g.input("disparity", map);
+  const Value hole = g.input("hole", map);
+  const Value network = slide_inpaint(rgbd, d, hole);
+  g.output("network", network);
+  g.output("fill", background_fill(rgbd, d, hole));
+  g.output("colours", ops::slice(network, 1, 0, 3));
+  g.output("picture", ops::slice(rgbd, 1, 0, 3));
+  const auto difference = [&](double change, const char* a, const char* b) {
+    WeightMap weights;
+    for (const std::string& name : given.names()) weights.set(name, given.tensor(name));
+    weights.set("conv13.weight", Tensor::zeros(DType::kF64, given.tensor("conv13.weight").shape()));
+    Tensor bias = Tensor::zeros(DType::kF64, {1});
+    bias.mutable_data<double>()[0] = change;
+    weights.set("conv13.bias", bias);
+    ReferenceExecutor run(g, weights);
+    run.run(inputs(file, "slide_inpaint"));
+    return max_abs_difference(run.tensor(a), run.tensor(b));
+  };
+  CHECK(difference(0, "network", "fill") <= 1e-12);
+  CHECK(difference(-50, "network", "fill") > 0.1);
+  CHECK(difference(50, "colours", "picture") <= 1e-12);
+}
+
 TEST_CASE("with a matte the fill has no foreground where disparity's edge is inside the foreground") {
   // A red square before a blue wall whose disparity is two pixels too small all around, and its hole.
   constexpr std::int64_t kSide = 48;
@@ -240,5 +272,5 @@ TEST_CASE("the default networks refuse sizes they cannot take") {
   CHECK_THROWS_WITH_AS((void)slide_matte(photo), doctest::Contains("multiples of 32"), Error);
   const Value odd = g.input("odd", {1, 4, 63, 64});
   const Value map = g.input("map", {1, 1, 63, 64});
-  CHECK_THROWS_WITH_AS((void)slide_inpaint(odd, map, map), doctest::Contains("multiples of 4"), Error);
+  CHECK_THROWS_WITH_AS((void)slide_inpaint(odd, map, map), doctest::Contains("multiples of 8"), Error);
 }

@@ -1,14 +1,16 @@
-"""What the three training programs share: the weight file, the schedule, averaged weights, checkpoints.
+"""What the three training programs share: options, the loop, the schedule, averaged weights, checkpoints, the weight file.
 
 A schedule here is a share of wall-clock time, not a number of steps: the same command makes sense on two slow cores and on
 a GPU, and a run that was stopped goes on from its checkpoint where it was in its own schedule.
 """
+import argparse
 import json
 import math
 import os
 import struct
 import time
 
+import cv2
 import numpy as np
 import torch
 
@@ -109,11 +111,67 @@ class _Swapped:
         self.net.train()
 
 
-def save_checkpoint(path, net, average, optimiser, schedule, **more):
-    state = {'net': net.state_dict(), 'average': average.values, 'optimiser': optimiser.state_dict(),
-             'elapsed': schedule.elapsed, 'step': schedule.step, **more}
-    torch.save(state, path + '.part')
-    os.replace(path + '.part', path)
+def arguments(rate, **more):
+    """Of a training program; more: type or default of further options."""
+    p = argparse.ArgumentParser()
+    p.add_argument('--cache', required=True)
+    p.add_argument('--out', required=True, help='the checkpoint, which a run goes on from')
+    p.add_argument('--minutes', type=float, required=True)
+    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
+    p.add_argument('--threads', type=int, default=1)
+    p.add_argument('--rate', type=float, default=rate)
+    for name, options in more.items():
+        p.add_argument('--' + name.replace('_', '-'), **options)
+    return p.parse_args()
+
+
+def resume(a):
+    """-> what the checkpoint holds, or nothing; its step, the seed of what follows"""
+    torch.set_num_threads(a.threads)
+    cv2.setNumThreads(1)
+    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
+    seed = saved.get('step', 0)
+    torch.manual_seed(seed)
+    return saved, seed
+
+
+def train(a, saved, net, optimiser, losses, test):
+    """losses(share of the schedule) -> the loss, {name: number to print}; test() -> text about the averaged weights, which net then holds."""
+    average = Average(net)
+    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=saved.get('step', 0))
+    if saved:
+        average.values = saved['average']
+        optimiser.load_state_dict(saved['optimiser'])
+
+    def save():
+        state = {'net': net.state_dict(), 'average': average.values, 'optimiser': optimiser.state_dict(), 'elapsed': schedule.elapsed, 'step': schedule.step}
+        torch.save(state, a.out + '.part')
+        os.replace(a.out + '.part', a.out)
+
+    def tell(when):
+        with average.inside(net):
+            print(when, test(), flush=True)
+
+    tell('start')
+    running, mark, scored = {}, schedule.elapsed, schedule.elapsed
+    while schedule.advance():
+        loss, parts = losses(schedule.share)
+        optimiser.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
+        optimiser.step()
+        average.update(net, schedule.step)
+        running = {name: .98 * running.get(name, float(v)) + .02 * float(v) for name, v in parts.items()}
+        if schedule.step % 100 == 0:
+            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min,', ', '.join(f'{name} {v:.4f}' for name, v in running.items()), flush=True)
+        if schedule.elapsed - mark > 150:
+            mark = schedule.elapsed
+            save()
+        if schedule.elapsed - scored > 480:
+            scored = schedule.elapsed
+            tell('test')
+    save()
+    tell('final')
 
 
 class Ragged:

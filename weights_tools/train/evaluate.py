@@ -182,6 +182,17 @@ def believed(matte):
     return (matte * used).astype(np.float32)
 
 
+@torch.no_grad()
+def fills(net, scene, d, hole, mattes):
+    """{name: (RGBD, weight of the colours)}: the fill and the network's, smooth and with texture, with each matte {name: (matte, exact)}."""
+    out = {}
+    for name, (matte, exact) in mattes.items():
+        for who, network in (('fill', None), ('network', net)):
+            smooth, textured, weight = background_fill(scene, d, hole, matte, exact, network)
+            out.update({f'smooth {who}{name}': (smooth[0].numpy(), weight), f'{who}{name}': (textured[0].numpy(), weight)})
+    return out
+
+
 def stereo(net, matting, folder):
     """What the right view uncovers, taken from the inpainted left view: PSNR in the uncovered pixels."""
     scores = {}
@@ -194,16 +205,14 @@ def stereo(net, matting, folder):
         index = ndimage.distance_transform_edt(d <= 0, return_distances=False, return_indices=True)
         d = d[index[0], index[1]]
         hole, back = uncovered(d)
-        h, w = (v // 4 * 4 for v in d.shape)
+        h, w = (v // 8 * 8 for v in d.shape)
         d1, _, mask = layering(((d - d.min()) / np.ptp(d)).astype(np.float32), np.ptp(d))
         rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
         s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
-        with torch.no_grad():
-            smooth, filled, _ = background_fill(s, dt, ht)
-            ours = {'smooth fill': smooth[0, :3].numpy(), 'fill': filled[0, :3].numpy(), 'network': net(s, dt, ht)[0, :3].numpy()}
-            if matting:
-                m = torch.from_numpy(believed(matte_of(matting, left))[None, None, :h, :w])
-                ours["fill, slide_matte's"] = background_fill(s, dt, ht, m, False)[1][0, :3].numpy()
+        mattes = {'': (None, True)}
+        if matting:
+            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, left))[None, None, :h, :w]), False
+        ours = {name: y[:3] for name, (y, *_) in fills(net, s, dt, ht, mattes).items()}
         unknown = background_weight(dt, ht)[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
         ours['Telea'] = cv2.inpaint(rgb, unknown.astype(np.uint8), 3, cv2.INPAINT_TELEA).transpose(2, 0, 1) / 127.5 - 1
@@ -251,22 +260,16 @@ def inpaint(a):
 def composites(a, net, matting, samples):
     scores, tiles = {}, []
     for k, (scene, truth, d, alpha, hole, mask, cover) in enumerate(samples):
-        with torch.no_grad():
-            s, dt, ht, at = (torch.from_numpy(v)[None] for v in (scene, d, hole, alpha))
-            smooth, filled, weight = background_fill(s, dt, ht)
-            ours = {'smooth fill': smooth[0].numpy(), 'fill': filled[0].numpy(), 'network': net(s, dt, ht)[0].numpy()}
-            behind = background_weight(dt, ht)
-            shares = dict.fromkeys(ours, push_pull_fill(at, weight)[0, 0].numpy())
-            mattes = {'the true matte': (at, True)}
-            if matting:
-                mattes["slide_matte's"] = torch.from_numpy(believed(matte_of(matting, bytes_of(scene))))[None, None], False
-            for name, (m, exact) in mattes.items():
-                *both, w = background_fill(s, dt, ht, m, exact)
-                for how, y in zip(('smooth fill', 'fill'), both):
-                    ours[f'{how}, {name}'], shares[f'{how}, {name}'] = y[0].numpy(), push_pull_fill(at, w)[0, 0].numpy()
-        unknown, beyond = (v[0, 0].numpy() < .5 for v in (weight, behind))
+        s, dt, ht, at = (torch.from_numpy(v)[None] for v in (scene, d, hole, alpha))
+        mattes = {'': (None, True), ', the true matte': (at, True)}
+        if matting:
+            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, bytes_of(scene))))[None, None], False
+        found = fills(net, s, dt, ht, mattes)
+        ours, shares = ({name: v[i] for name, v in found.items()} for i in (0, 1))
+        shares = {name: push_pull_fill(at, w)[0, 0].numpy() for name, w in shares.items()}
+        unknown, beyond, told = (v[0, 0].numpy() < .5 for v in (found['fill'][1], background_weight(dt, ht), found['network'][1]))
         rgb, matte = ((scene[:3].transpose(1, 2, 0) + 1) * 127.5).clip(0, 255).astype(np.uint8), (alpha[0] * 255).astype(np.uint8)
-        for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('background weight', beyond), ('colour weight', unknown)):
+        for name, region in (('outline', cv2.dilate(cover[0], np.ones((3, 3))) > 0), ('by depth', beyond), ('our known pixels', unknown), ('the network\'s', told)):
             for method, flag in (('Telea', cv2.INPAINT_TELEA), ('Navier-Stokes', cv2.INPAINT_NS)):
                 y, share = (cv2.inpaint(v, region.astype(np.uint8), 3, flag) for v in (rgb, matte))
                 ours[f'{method}, {name}'], shares[f'{method}, {name}'] = y.transpose(2, 0, 1) / 127.5 - 1, share / 255

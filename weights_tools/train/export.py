@@ -16,7 +16,7 @@ NOTE = ('trained on NYU Depth v2 (labelled set) and on photos from OpenImages (C
 MODELS = {
     'depth': ('slide_depth', 'weights_tools/train/train_depth.py: MobileNetV2 encoder, fusion decoder of 48 features; RGB/127.5 - 1, '
                              'relative inverse depth'),
-    'inpaint': ('slide_inpaint', 'weights_tools/train/train_inpaint.py: correction of the depth-aware fill, gated convolutions, width 12'),
+    'inpaint': ('slide_inpaint', 'weights_tools/train/train_inpaint.py: which pixels are background, for the depth-aware fill'),
     'matte': ('slide_matte', 'weights_tools/train/train_matte.py: as slide_depth, with a sigmoid: soft matte of the salient subject'),
 }
 

@@ -114,11 +114,13 @@ def detail(rgb, weight):
     return (1 - weight) * (DETAIL * mirror_known(fine, weight)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
 
 
-def background_fill(rgbd, d, hole, matte=None, exact=True):
-    """matte: of the subject, N x 1 x H x W in [0, 1] -> RGBD of the background in [-1, 1], smooth; the same with detail(); the weight that its colours have. Disparity is
-    continued by background_weight()."""
+def background_fill(rgbd, d, hole, matte=None, exact=True, network=None):
+    """matte: of the subject, N x 1 x H x W in [0, 1]; network: InpaintNet, for the weights -> RGBD of the background in [-1, 1], smooth; the
+    same with detail(); the weight that its colours have. Disparity is continued by background_weight()."""
     rgb, behind = rgbd[:, :3], push_pull_fill(d, background_weight(d, hole))
     colours = colour_weight(d, behind)
+    if network is not None:
+        colours = network.weigh(rgb, push_pull_fill(rgb, colours), d, behind, colours, hole)
     if matte is not None:
         colours = matted_weight(colours, matte, (max(d.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH, exact)
     smooth, disparity = push_pull_fill(rgb, colours), 2 * behind - 1

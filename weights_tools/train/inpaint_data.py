@@ -1,15 +1,26 @@
-"""Composites whose hidden background is known, with holes as the project's own layering makes them.
+"""Composites whose hidden background is known, and photos with a matte, with holes as the project's own layering makes them.
 
 A cut-out is pasted before a photo or a room. The scene's disparity is as soft and as badly aligned as a network's; D1 and the
 soft disocclusion S follow section 2 of the specification for a random parallax P; the hole is S > 0.05, grown by a pixel.
 Where the background photo uncovers parts of its own the truth is not known: those pixels carry no loss. Some of the cut-outs are
 free-form strokes, for holes of shapes that no subject has; they are nearer than the scene too, so all that follows is the same.
 """
+import glob
+
 import cv2
 import numpy as np
 
+from common import Ragged
 from depth_data import DepthData, resize
 from pseudo_depth import SCALE
+
+ESTIMATED_SIZE = 256  # pixels: sides of the composites whose disparity is estimated
+
+
+def estimated_subjects(cache):
+    """Photos with a subject, none of them held out."""
+    held, subject = set(np.load(cache + '/held.npy')), np.load(cache + '/subject.npy')
+    return np.array([i for i in np.nonzero(subject == 2)[0] if i not in held])
 
 
 def condition(d):
@@ -50,6 +61,18 @@ def brush(n, rng):
     return out
 
 
+def finished(scene, truth, d, alpha, parallax):
+    """RGB in [0, 1] (n x n x 3; truth: of what is behind, or None), disparity and alpha (n x n) -> scene and truth (RGB in [-1, 1], the scene
+    with disparity in [-1, 1]), D1, alpha of what is in front, hole, where in it the truth is known, true outline"""
+    low, span = d.min(), np.ptp(d) + 1e-6
+    d1, _, hole = layering(((d - low) / span).astype(np.float32), parallax)
+    cover = cv2.dilate((alpha > .02).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
+    planes = lambda v: np.ascontiguousarray(v.transpose(2, 0, 1) * 2 - 1, np.float32)
+    mask = hole * cover if truth is not None else 0 * hole
+    return (planes(np.concatenate([scene, d1[..., None]], 2)), planes(scene if truth is None else truth),
+            *(v[None].astype(np.float32) for v in (d1, alpha, hole, mask, cover)))
+
+
 class InpaintData(DepthData):
     def __init__(self, cache, seed, size, held=False, strokes=.15):
         super().__init__(cache, seed)
@@ -72,8 +95,8 @@ class InpaintData(DepthData):
         y, x = rng.integers(0, h - s + 1), rng.integers(0, w - s + 1)
         return resize(image[y:y + s, x:x + s], n, n).astype(np.float32) / 255, resize(d[y:y + s, x:x + s], n, n) * scale
 
-    def sample(self):
-        """-> scene and truth (4 x n x n, RGB in [-1, 1] and disparity in [-1, 1]), D1, alpha of the cut-out, hole, loss mask, true outline"""
+    def composite(self):
+        """-> scene, truth, disparity, alpha of the cut-out, parallax: as finished() takes them"""
         n, rng = self.size, self.rng
         while True:
             rgb, d = self.background()
@@ -92,12 +115,57 @@ class InpaintData(DepthData):
         scene = alpha[..., None] * cut + (1 - alpha[..., None]) * rgb
         near = np.percentile(d[alpha > .5], 95) + rng.uniform(.1, .6)
         front = cv2.GaussianBlur(np.where(alpha > rng.uniform(.15, .6), 1, 0).astype(np.float32), (0, 0), np.exp(rng.uniform(np.log(.3), np.log(3))))
-        d_scene = front * np.maximum(near, d) + (1 - front) * d
-        low, span = d_scene.min(), np.ptp(d_scene) + 1e-6
-        d1, _, hole = layering((d_scene - low) / span, np.exp(rng.uniform(np.log(5), np.log(n * .22))))
-        cover = cv2.dilate((alpha > .02).astype(np.uint8), np.ones((3, 3), np.uint8)).astype(np.float32)
-        four = lambda c, v: np.ascontiguousarray(np.concatenate([c, v[..., None]], 2).transpose(2, 0, 1) * 2 - 1, np.float32)
-        truth = four(rgb, (d - low) / span)
-        if (hole * cover).sum() < 40:
-            return self.sample()
-        return four(scene, d1), truth, *(v[None].astype(np.float32) for v in (d1, alpha, hole, hole * cover, cover))
+        return scene, rgb, front * np.maximum(near, d) + (1 - front) * d, alpha, np.exp(rng.uniform(np.log(5), np.log(n * .22)))
+
+    def sample(self):
+        """As finished()."""
+        while True:
+            s = finished(*self.composite())
+            if s[5].sum() >= 40:
+                return s
+
+
+class Estimated:
+    """Composites and photos with the disparity that slide_depth makes of them (prepare_inpaint.py), in n x n windows, scaled at random."""
+
+    def __init__(self, cache, seed, size):
+        self.size, self.rng = size, np.random.default_rng(seed)
+        parts = range(len(glob.glob(cache + '/estimated_composites_*_disparity.npy')))
+        read = lambda name: [np.load(f'{cache}/estimated_{name.format(k)}.npy', mmap_mode='r') for k in parts]
+        self.pictures, self.disparities = read('composites_{}'), read('composites_{}_disparity')
+        self.photos, self.mattes, self.flat, self.at = Ragged(cache + '/photos'), Ragged(cache + '/mattes'), read('photos_{}'), []
+        for part, index in enumerate(read('photos_{}_index')):
+            h, w = self.photos.index[index][:, :2].T
+            begin = np.concatenate([[0], np.cumsum(h * w)])
+            self.at += [(part, i, b, e) for i, b, e in zip(index, begin, begin[1:])]
+
+    def window(self, planes):
+        """planes: C x h x w, float32"""
+        n, rng = self.size, self.rng
+        h, w = planes.shape[1:]
+        s = int(min(h, w, n / np.exp(rng.uniform(np.log(.6), np.log(2.5)))))
+        y, x = rng.integers(0, h - s + 1), rng.integers(0, w - s + 1)
+        cut = planes[:, y:y + s, x:x + s]
+        if rng.random() < .5:
+            cut = cut[..., ::-1]
+        cut = np.stack([resize(plane, n, n) for plane in cut], 2)
+        return cut, np.exp(rng.uniform(np.log(5), np.log(.22 * n)))
+
+    def composite(self):
+        while True:
+            part = self.rng.integers(len(self.pictures))
+            k = self.rng.integers(len(self.pictures[part]))
+            v, parallax = self.window(np.concatenate([self.pictures[part][k] / np.float32(255), self.disparities[part][k][None].astype(np.float32)]))
+            s = finished(v[..., :3], v[..., 3:6], v[..., 7], v[..., 6], parallax)
+            if s[5].sum() >= 40:
+                return s
+
+    def photo(self):
+        while True:
+            part, i, begin, end = self.at[self.rng.integers(len(self.at))]
+            matte = self.mattes[i]
+            d = self.flat[part][begin:end].reshape(matte.shape).astype(np.float32)
+            v, parallax = self.window(np.concatenate([self.photos[i].transpose(2, 0, 1) / np.float32(255), d[None], matte[None] / np.float32(255)]))
+            s = finished(v[..., :3], None, v[..., 3], v[..., 4], parallax)
+            if (s[4] * s[6]).sum() >= 40:
+                return s

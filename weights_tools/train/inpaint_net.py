@@ -1,72 +1,62 @@
-"""slide_inpaint: the depth-aware fill, and the paper's coarse network (supplement, table T1) for what it misses.
+"""slide_inpaint: the depth-aware fill, and a network that tells which of the pixels around the hole are background.
 
-The network sees the picture with all that is not background filled in, the weight of its colours and the hole, and gives a
-correction of the fill. Its last layer starts at zero: training starts from the fill.
+Disparity tells it only roughly: it is grown and soft. The network sees the picture, a first fill, the disparity, that of the
+background and the hole, and moves the weight that the colours have in the fill. Its last layer starts at zero: training starts
+from the weights by disparity.
 """
 import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
-from fill import background_fill
+from fill import REST, background_fill
 
-WIDTH = 12  # channels after the first gate; the paper has 24
+LOW, HIGH = .35, .85  # the probabilities of background that weights of 0 and 1 stand for: what is doubtful gives no colour
+WIDTH = 16  # features at half the size
 
-
-class GatedConv(nn.Module):
-    def __init__(self, ic, oc, kernel=3, stride=1, dilation=1):
-        super().__init__()
-        self.conv = nn.Conv2d(ic, 2 * oc, kernel, stride, dilation * (kernel // 2), dilation)
-        nn.init.kaiming_normal_(self.conv.weight, nonlinearity='relu')
-        nn.init.zeros_(self.conv.bias)
-        nn.init.constant_(self.conv.bias[oc:], 2)  # gates start open: shut ones pass no gradient
-
-    def forward(self, x):
-        a, g = self.conv(x).chunk(2, 1)
-        return F.elu(a) * torch.sigmoid(g)
-
-
-class Plain(nn.Module):
-    def __init__(self, ic, oc):
-        super().__init__()
-        self.conv = nn.Conv2d(ic, oc, 3, 1, 1)
-        nn.init.zeros_(self.conv.weight)
-        nn.init.zeros_(self.conv.bias)
-
-    def forward(self, x):
-        return self.conv(x)
+# name -> channels in (10 at full size), out, kernel, stride, dilation
+LAYERS = {'conv1': (10, WIDTH, 5, 2, 1), 'conv2': (WIDTH, WIDTH, 3, 1, 1),
+          'conv3': (WIDTH, 2 * WIDTH, 3, 2, 1), 'conv4': (2 * WIDTH, 2 * WIDTH, 3, 1, 1),
+          'conv5': (2 * WIDTH, 3 * WIDTH, 3, 2, 1), 'conv6': (3 * WIDTH, 3 * WIDTH, 3, 1, 1),
+          'conv7': (3 * WIDTH, 3 * WIDTH, 3, 1, 2), 'conv8': (3 * WIDTH, 3 * WIDTH, 3, 1, 4),
+          'conv9': (3 * WIDTH, 3 * WIDTH, 3, 1, 8), 'conv10': (5 * WIDTH, 2 * WIDTH, 3, 1, 1),
+          'conv11': (3 * WIDTH, WIDTH // 2, 3, 1, 1), 'conv12': (WIDTH // 2 + 10, WIDTH // 2, 3, 1, 1),
+          'conv13': (WIDTH // 2, 1, 3, 1, 1)}
 
 
 class InpaintNet(nn.Module):
-    def __init__(self, c=WIDTH):
+    def __init__(self):
         super().__init__()
-        spec = [(6, c, 5, 2), (c, c), (c, 2 * c, 3, 2), (2 * c, 2 * c), (2 * c, 4 * c)]
-        spec += [(4 * c, 4 * c, 3, 1, d) for d in (2, 4, 8, 16, 1, 1)]
-        spec += [(4 * c, 2 * c), (2 * c, 2 * c), (2 * c, c), (c, c // 2)]
-        for i, s in enumerate(spec):
-            setattr(self, f'conv{i + 1}', GatedConv(*s))
-        self.conv16 = Plain(c // 2, 4)
+        for name, (ic, oc, kernel, stride, dilation) in LAYERS.items():
+            layer = nn.Conv2d(ic, oc, kernel, stride, dilation * (kernel // 2), dilation)
+            nn.init.kaiming_normal_(layer.weight, nonlinearity='relu')
+            nn.init.zeros_(layer.bias)
+            setattr(self, name, layer)
+        nn.init.zeros_(self.conv13.weight)
 
-    def correction(self, filled, weight, hole):
-        x = torch.cat([filled, weight, hole], 1)
-        for i in range(1, 16):
-            x = getattr(self, f'conv{i}')(self.enlarge(x, i))
-        return self.conv16(x)
+    def layer(self, name, x, *skip):
+        """With `skip`, x is enlarged by two and joined."""
+        if skip:
+            x = torch.cat([F.interpolate(x, scale_factor=2, mode='bilinear', align_corners=False), *skip], 1)
+        return F.relu(getattr(self, name)(x))
+
+    def logit(self, rgb, filled, d, behind, weight, hole):
+        """filled: the smooth fill by `weight`, colour_weight(); sides multiples of 8 -> N x 1 x H x W, of the weight"""
+        x = torch.cat([rgb, filled, d, behind, weight, hole], 1)
+        half = self.layer('conv2', self.layer('conv1', x))
+        quarter = self.layer('conv4', self.layer('conv3', half))
+        y = self.layer('conv5', quarter)
+        for name in ('conv6', 'conv7', 'conv8', 'conv9'):
+            y = self.layer(name, y)
+        y = self.layer('conv12', self.layer('conv11', self.layer('conv10', y, quarter), half), x)
+        return torch.logit(LOW + (HIGH - LOW) * weight) + self.conv13(y)
 
     @staticmethod
-    def enlarge(x, i):
-        return F.interpolate(x, scale_factor=2, mode='nearest') if i in (12, 14) else x
+    def weight_of(logit):
+        return ((torch.sigmoid(logit) - LOW) / (HIGH - LOW)).clamp(REST, 1)
 
-    @torch.no_grad()
-    def calibrate(self, x):
-        """Scales the layers so that their outputs have deviation 1 (Mishkin and Matas 2016). Every gate halves: without this
-        nothing is left of the picture after fifteen layers, and nothing is learnt."""
-        for i in range(1, 16):
-            layer, x = getattr(self, f'conv{i}'), self.enlarge(x, i)
-            for _ in range(5):
-                layer.conv.weight /= layer(x).std()
-            x = layer(x)
+    def weigh(self, *x):
+        return self.weight_of(self.logit(*x))
 
-    def forward(self, rgbd, d, hole):
-        """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 4 -> RGBD of the background"""
-        smooth, textured, weight = background_fill(rgbd, d, hole)
-        return textured + self.correction(smooth, weight, hole)
+    def forward(self, rgbd, d, hole, matte=None, exact=True):
+        """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 8 -> RGBD of the background"""
+        return background_fill(rgbd, d, hole, matte, exact, self)[1]

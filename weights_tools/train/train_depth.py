@@ -7,15 +7,12 @@ Goes on from depth.pt when it exists. Loss: MiDaS' scale- and shift-invariant tr
 matching (Ranftl et al. 2020, eq. 5 to 8), more weight on gradients along mattes, and, for rooms, the relative error of
 depth after the best scale and shift of disparity.
 """
-import argparse
-import os
-
 import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from common import Average, Schedule, load_safetensors, save_checkpoint
+from common import arguments, load_safetensors, resume, train
 from depth_data import DepthData
 from depth_net import DepthNet
 
@@ -70,22 +67,10 @@ def evaluate(net, cache, device, h=192, w=256):
 
 
 def main():
-    p = argparse.ArgumentParser()
-    p.add_argument('--cache', required=True)
-    p.add_argument('--out', required=True)
-    p.add_argument('--minutes', type=float, required=True)
-    p.add_argument('--start', help='safetensors: an ImageNet encoder or a whole network')
-    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
-    p.add_argument('--threads', type=int, default=1)
-    p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
-    p.add_argument('--freeze', type=int, default=0, help='encoder blocks that are not trained')
-    p.add_argument('--rate', type=float, default=4e-4)
-    a = p.parse_args()
-    torch.set_num_threads(a.threads)
-    cv2.setNumThreads(1)
-    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
-    seed = saved.get('step', 0)
-    torch.manual_seed(seed)
+    a = arguments(4e-4, start=dict(help='safetensors: an ImageNet encoder or a whole network'),
+                  batch_factor=dict(type=int, default=1, help='multiplies all batch sizes'),
+                  freeze=dict(type=int, default=0, help='encoder blocks that are not trained'))
+    saved, seed = resume(a)
     data = DepthData(a.cache, seed)
     net = DepthNet()
     net.encoder.frozen = a.freeze
@@ -96,40 +81,18 @@ def main():
     net = net.to(a.device, memory_format=torch.channels_last)
     decoder = [q for n, q in net.named_parameters() if not n.startswith('encoder')]
     optimiser = torch.optim.AdamW([{'params': net.encoder.parameters(), 'lr': a.rate / 4}, {'params': decoder, 'lr': a.rate}], weight_decay=1e-2)
-    average = Average(net)
-    if saved:
-        average.values = saved['average']
-    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
-    if saved:
-        optimiser.load_state_dict(saved['optimiser'])
-    with average.inside(net):
-        print(len(data.subjects), 'photos with a subject;', evaluate(net, a.cache, a.device), flush=True)
-    running, mark, scored = None, schedule.elapsed, schedule.elapsed
-    while schedule.advance():
-        sizes = LATE if schedule.share > .6 else EARLY
+    print(len(data.subjects), 'photos with a subject', flush=True)
+
+    def losses(share):
+        sizes = LATE if share > .6 else EARLY
         _, h, w, batch = sizes[data.rng.choice(len(sizes), p=[s[0] for s in sizes])]
         x, *maps = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample(h, w) for _ in range(batch * a.batch_factor)]))
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             prediction = net(x.contiguous(memory_format=torch.channels_last))
         loss = loss_of(prediction.float(), *maps)
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
-        optimiser.step()
-        average.update(net, schedule.step)
-        running = loss.item() if running is None else .98 * running + .02 * loss.item()
-        if schedule.step % 50 == 0:
-            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
-        if schedule.elapsed - mark > 150:
-            mark = schedule.elapsed
-            save_checkpoint(a.out, net, average, optimiser, schedule)
-        if schedule.elapsed - scored > 480:
-            scored = schedule.elapsed
-            with average.inside(net):
-                print(evaluate(net, a.cache, a.device), flush=True)
-    save_checkpoint(a.out, net, average, optimiser, schedule)
-    with average.inside(net):
-        print('final', evaluate(net, a.cache, a.device), flush=True)
+        return loss, {'loss': loss}
+
+    train(a, saved, net, optimiser, losses, lambda: evaluate(net, a.cache, a.device))
 
 
 if __name__ == '__main__':

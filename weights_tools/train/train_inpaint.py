@@ -1,124 +1,133 @@
 #!/usr/bin/python3
-"""Trains slide_inpaint on composites whose hidden background is known.
+"""Trains slide_inpaint on composites whose hidden background is known, and on photos with mattes.
 
-  train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--adversarial .01] [--device cuda]
+  train_inpaint.py --cache CACHE --out inpaint.pt --minutes 60 [--device cuda]
 
-Goes on from inpaint.pt when it exists. Loss in the hole, where the truth is known: L1 and multi-scale gradients of the
-smooth fill and its correction, without the mirrored detail. With --adversarial, for texture, the critic of patch_gan.py joins
-when the rest has settled. A network whose last gates have shut learns nothing any more: the correction's size is printed.
+Goes on from inpaint.pt when it exists. prepare_inpaint.py comes first. Loss: around the hole, cross entropy between the weights and
+what of a pixel is background by the exact matte; in the hole of composites, the logarithm of the fill's squared error over that of
+the fill with weights by disparity alone.
 """
-import argparse
-import os
-
 import cv2
 import numpy as np
 import torch
+import torch.nn.functional as F
 
-from common import Average, Schedule, save_checkpoint
-from fill import background_fill
-from inpaint_data import InpaintData
+from common import arguments, resume, train
+from fill import CLEAR, background_weight, colour_weight, push_pull_fill
+from inpaint_data import Estimated, InpaintData
 from inpaint_net import InpaintNet
-from patch_gan import Adversary
 
-ADVERSARIAL_FROM = .4  # share of the schedule
-CHANNELS = torch.tensor([1., 1., 1., .5]).view(1, 4, 1, 1)  # disparity is smooth, half its error is enough
+NEAR = 13  # pixels, side of the window: so near to the hole weights are learnt
+ORDER = .03  # by how much in front the subject must be, in disparity, for its matte to tell what covers what
+GAIN = 3  # of the filled hole, beside the weights' cross entropy
+SURROUNDINGS = 31  # ... on average over such windows
+
+
+class Batches(torch.utils.data.IterableDataset):
+    """(composites, of which half have slide_depth's disparity; and photos) of n x n pixels, for ever."""
+
+    def __init__(self, cache, seed, size, composites, photos):
+        self.arguments = cache, seed, size, composites, photos
+
+    def __iter__(self):
+        cv2.setNumThreads(1)
+        cache, seed, size, composites, photos = self.arguments
+        rng = np.random.default_rng(seed)
+        own = {n: InpaintData(cache, seed + n, n) for n in (size // 2, size * 3 // 4, size)}
+        estimated = Estimated(cache, seed, size)
+        while True:
+            batch = [self.enlarged(own[rng.choice(list(own))].sample(), size) for _ in range(composites // 2)]
+            batch += [estimated.composite() for _ in range(composites - len(batch))] + [estimated.photo() for _ in range(photos)]
+            yield [torch.from_numpy(np.stack(t)) for t in zip(*((*s, told(s)) for s in batch))]
+
+    @staticmethod
+    def enlarged(sample, n):
+        """Soft edges of large photos; hole, mask and outline stay zeros and ones."""
+        if sample[2].shape[-1] == n:
+            return sample
+        y = [F.interpolate(torch.from_numpy(v)[None], size=(n, n), mode='bilinear', align_corners=False)[0].numpy() for v in sample]
+        return (*y[:4], *((v > .5).astype(np.float32) for v in y[4:]))
+
+
+def told(sample):
+    """Where the alpha of what is in front tells what of a pixel is background: near the hole, where it stands before its surroundings."""
+    _, _, d, alpha, hole, *_ = (v[0] for v in sample)
+    mean = lambda v: cv2.blur(v, (SURROUNDINGS, SURROUNDINGS))
+    inside, outside = mean(alpha), mean(1 - alpha)
+    step = mean(d * alpha) / inside.clip(1e-3) - mean(d * (1 - alpha)) / outside.clip(1e-3)
+    near = cv2.dilate(hole, np.ones((NEAR, NEAR), np.uint8))
+    return (near * ((inside > .02) & (outside > .02) & (step > ORDER)))[None].astype(np.float32)
 
 
 def squared(y, truth, mask):
-    return ((y[:, :3] - truth[:, :3]) ** 2 * mask).sum(dim=(1, 2, 3)) / (3 * mask.sum(dim=(1, 2, 3))).clamp_min(1)
+    return ((y - truth) ** 2 * mask).sum(dim=(1, 2, 3)) / (3 * mask.sum(dim=(1, 2, 3))).clamp_min(1)
 
 
-def loss_of(y, truth, mask):
-    area = mask.mean(dim=(1, 2, 3)).clamp_min(.005).view(-1, 1, 1, 1)
-    error = (y - truth) * CHANNELS.to(y.device) * mask
-    total = (error.abs() / area).mean()
-    for k in range(3):
-        g = error[..., ::2 ** k, ::2 ** k] / area
-        total = total + .25 * ((g[..., 1:] - g[..., :-1]).abs().mean() + (g[..., 1:, :] - g[..., :-1, :]).abs().mean())
-    return total
+def inputs(scene, d, hole):
+    """Those of InpaintNet.logit()."""
+    rgb, behind = scene[:, :3], push_pull_fill(d, background_weight(d, hole))
+    weight = colour_weight(d, behind)
+    return rgb, push_pull_fill(rgb, weight), d, behind, weight, hole
+
+
+def losses_of(net, scene, truth, d, alpha, hole, mask, where, composites):
+    """-> cross entropy, logarithm of the error over that by disparity alone"""
+    with torch.no_grad():
+        x = inputs(scene, d, hole)
+        target = (1 - alpha / CLEAR).clamp(0, 1)
+    logit = net.logit(*x)
+    entropy = F.binary_cross_entropy_with_logits(logit, target, reduction='none')
+    entropy = (entropy * where).sum(dim=(1, 2, 3)) / where.sum(dim=(1, 2, 3)).clamp_min(50)
+    c = slice(0, composites)
+    filled = push_pull_fill(scene[c, :3], net.weight_of(logit[c]))
+    before, after = squared(x[1][c], truth[c], mask[c]), squared(filled, truth[c], mask[c])
+    return entropy.mean(), torch.log((after + 1e-3) / (before + 1e-3)).mean()
 
 
 @torch.no_grad()
 def evaluate(net, tests, device):
-    ours, fill, size = [], [], []
-    for scene, truth, d, _, hole, mask, _ in tests:
-        scene, truth, d, hole, mask = (torch.from_numpy(v)[None].to(device) for v in (scene, truth, d, hole, mask))
-        filled, _, weight = background_fill(scene, d, hole)
-        correction = net.correction(filled, weight, hole)
-        size.append(float(squared(correction, 0 * truth, mask)))
-        for y, out in ((filled + correction, ours), (filled, fill)):
-            out.append(-10 * np.log10(float(squared(y.clamp(-1, 1), truth, mask)) / 4 + 1e-9))
-    gain = np.array(ours) - np.array(fill)
-    return f'hidden background: {np.mean(ours):.2f} dB, the fill alone {np.mean(fill):.2f} dB, gain {gain.mean():.2f}, better in {100 * (gain > 0).mean():.0f}%, correction of {np.sqrt(np.mean(size)):.4f} (RMS)'
+    lines = []
+    for name, samples in tests.items():
+        rows, errors = [], []
+        for sample in samples:
+            scene, truth, d, alpha, hole, mask, _ = (torch.from_numpy(v)[None].to(device) for v in sample)
+            x = inputs(scene, d, hole)
+            ours = net.weigh(*x)
+            if mask.any():
+                exact = (1 - alpha / CLEAR).clamp(1e-8, 1)
+                rows.append([-10 * np.log10(float(squared(push_pull_fill(x[0], w).clamp(-1, 1), truth, mask)) / 4 + 1e-9) for w in (x[4], ours, exact)])
+            where = torch.from_numpy(told(sample))[None].to(device)
+            if where.sum() > 50:
+                errors.append([float(((w - (1 - alpha / CLEAR).clamp(0, 1)).abs() * where).sum() / where.sum()) for w in (x[4], ours)])
+        text = f'{name}: weights err {np.mean(errors, 0)[0]:.3f} -> {np.mean(errors, 0)[1]:.3f}'
+        if rows:
+            rows = np.array(rows)
+            gain = rows[:, 1] - rows[:, 0]
+            text += f', {rows[:, 0].mean():.2f} -> {rows[:, 1].mean():.2f} dB (exact {rows[:, 2].mean():.2f}), better in {100 * (gain > 0).mean():.0f}%, worst {gain.min():+.2f}'
+        lines.append(text)
+    return '; '.join(lines)
 
 
 def main():
-    p = argparse.ArgumentParser()
-    p.add_argument('--cache', required=True)
-    p.add_argument('--out', required=True)
-    p.add_argument('--minutes', type=float, required=True)
-    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
-    p.add_argument('--threads', type=int, default=1)
-    p.add_argument('--size', type=int, default=128)
-    p.add_argument('--batch', type=int, default=8)
-    p.add_argument('--rate', type=float, default=6e-4)
-    p.add_argument('--adversarial', type=float, default=0, help='weight of the adversarial term')
-    a = p.parse_args()
-    torch.set_num_threads(a.threads)
-    cv2.setNumThreads(1)
-    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
-    seed = saved.get('step', 0)
-    torch.manual_seed(seed)
-    data, held = InpaintData(a.cache, seed + 2, a.size), InpaintData(a.cache, 99, 160, held=True)
-    tests = [held.sample() for _ in range(60)]
-    net = InpaintNet()
+    a = arguments(2e-3, size=dict(type=int, default=160), composites=dict(type=int, default=6, help='in a batch'),
+                  photos=dict(type=int, default=2, help='in a batch'))
+    saved, seed = resume(a)
+    held = InpaintData(a.cache, 99, 160, held=True)
+    tests = {'composites': [held.sample() for _ in range(60)]}
+    tests.update({name: samples for name, samples in np.load(a.cache + '/estimated_held.npy', allow_pickle=True).item().items()})
+    net = InpaintNet().to(a.device, memory_format=torch.channels_last)
     if saved:
         net.load_state_dict(saved['net'])
-    else:
-        scene, _, d, _, hole, _, _ = (torch.from_numpy(np.stack(t)) for t in zip(*[data.sample() for _ in range(8)]))
-        filled, _, weight = background_fill(scene, d, hole)
-        net.calibrate(torch.cat([filled, weight, hole], 1))
-    net = net.to(a.device, memory_format=torch.channels_last)
     optimiser = torch.optim.AdamW(net.parameters(), lr=a.rate, betas=(.9, .99), weight_decay=1e-3)
-    average = Average(net)
-    if saved:
-        average.values = saved['average']
-    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
-    if saved:
-        optimiser.load_state_dict(saved['optimiser'])
-    adversary = Adversary(a.device, a.rate, saved.get('adversary')) if a.adversarial else None
-    checkpoint = lambda: save_checkpoint(a.out, net, average, optimiser, schedule, **({'adversary': adversary.state()} if adversary else {}))
-    with average.inside(net):
-        print(evaluate(net, tests, a.device), flush=True)
-    running, mark, scored = None, schedule.elapsed, schedule.elapsed
-    while schedule.advance():
-        scene, truth, d, _, hole, mask, cover = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample() for _ in range(a.batch)]))
-        with torch.no_grad():
-            filled, _, weight = background_fill(scene, d, hole)
-        with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
-            correction = net.correction(filled.contiguous(memory_format=torch.channels_last), weight, hole)
-        y = filled + correction.float()
-        loss = loss_of(y, truth, mask)
-        if adversary and schedule.share > ADVERSARIAL_FROM:
-            loss = loss + a.adversarial * adversary.loss(y, truth, mask, cover)
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
-        optimiser.step()
-        average.update(net, schedule.step)
-        running = loss.item() if running is None else .98 * running + .02 * loss.item()
-        if schedule.step % 100 == 0:
-            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
-        if schedule.elapsed - mark > 150:
-            mark = schedule.elapsed
-            checkpoint()
-        if schedule.elapsed - scored > 480:
-            scored = schedule.elapsed
-            with average.inside(net):
-                print(evaluate(net, tests, a.device), flush=True)
-    checkpoint()
-    with average.inside(net):
-        print('final', evaluate(net, tests, a.device), flush=True)
+    source = Batches(a.cache, seed + 2, a.size, a.composites, a.photos)
+    batches = iter(torch.utils.data.DataLoader(source, batch_size=None, num_workers=1, prefetch_factor=4))
+
+    def losses(_):
+        scene, truth, d, alpha, hole, mask, _, where = (v.to(a.device) for v in next(batches))
+        entropy, error = losses_of(net, scene, truth, d, alpha, hole, mask, where, a.composites)
+        return entropy + GAIN * error, {'cross entropy': entropy, 'logarithm of the error': error}
+
+    train(a, saved, net, optimiser, losses, lambda: evaluate(net, tests, a.device))
 
 
 if __name__ == '__main__':

@@ -6,15 +6,12 @@
 Goes on from matte.pt when it exists. Loss: cross entropy on every output, and on the first the absolute error of alpha and
 of its gradient, with more weight where alpha is neither 0 nor 1.
 """
-import argparse
-import os
-
 import cv2
 import numpy as np
 import torch
 import torch.nn.functional as F
 
-from common import Average, Ragged, Schedule, load_safetensors, save_checkpoint
+from common import Ragged, arguments, load_safetensors, resume, train
 from matte_data import MatteData
 from matte_net import NETS
 
@@ -74,24 +71,11 @@ def evaluate(net, cache, device, side=384, limit=None):
 
 
 def main():
-    p = argparse.ArgumentParser()
-    p.add_argument('--cache', required=True)
-    p.add_argument('--out', required=True)
-    p.add_argument('--minutes', type=float, required=True)
-    p.add_argument('--net', choices=NETS, default='mobile')
-    p.add_argument('--start', help='safetensors to start from; mobile only')
-    p.add_argument('--device', default='cuda' if torch.cuda.is_available() else 'cpu')
-    p.add_argument('--threads', type=int, default=1)
-    p.add_argument('--batch-factor', type=int, default=1, help='multiplies all batch sizes')
-    p.add_argument('--freeze', type=int, default=0, help='encoder blocks that are not trained')
-    p.add_argument('--rate', type=float, default=6e-4)
-    p.add_argument('--side-factor', type=float, default=1., help='of all sides, rounded to multiples of 32')
-    a = p.parse_args()
-    torch.set_num_threads(a.threads)
-    cv2.setNumThreads(1)
-    saved = torch.load(a.out, map_location=a.device) if os.path.exists(a.out) else {}
-    seed = saved.get('step', 0)
-    torch.manual_seed(seed)
+    a = arguments(6e-4, net=dict(choices=NETS, default='mobile'), start=dict(help='safetensors to start from; mobile only'),
+                  batch_factor=dict(type=int, default=1, help='multiplies all batch sizes'),
+                  freeze=dict(type=int, default=0, help='encoder blocks that are not trained'),
+                  side_factor=dict(type=float, default=1., help='of all sides, rounded to multiples of 32'))
+    saved, seed = resume(a)
     data = MatteData(a.cache, seed + 1)
     net = NETS[a.net]()
     if a.freeze:
@@ -107,40 +91,19 @@ def main():
     others = [q for n, q in net.named_parameters() if not n.startswith('encoder')]
     groups = [{'params': others, 'lr': a.rate}] + ([{'params': encoder, 'lr': a.rate / 4}] if encoder else [])
     optimiser = torch.optim.AdamW(groups, weight_decay=1e-2)
-    average = Average(net)
-    if saved:
-        average.values = saved['average']
-    schedule = Schedule(optimiser, a.minutes, elapsed=saved.get('elapsed', 0.), step=seed)
-    if saved:
-        optimiser.load_state_dict(saved['optimiser'])
     print(len(data.known), 'mattes,', len(data.empty), 'of them empty', flush=True)
-    running, mark, scored = None, schedule.elapsed, schedule.elapsed
-    while schedule.advance():
-        sizes = LATE if schedule.share > .65 else EARLY
+
+    def losses(share):
+        sizes = LATE if share > .65 else EARLY
         _, h, w, batch = sizes[data.rng.choice(len(sizes), p=[s[0] for s in sizes])]
         h, w = (max(32, round(side * a.side_factor / 32) * 32) for side in (h, w))
         x, alpha = (torch.from_numpy(np.stack(t)).to(a.device) for t in zip(*[data.sample(h, w) for _ in range(batch * a.batch_factor)]))
         with torch.autocast(a.device, torch.bfloat16, enabled=a.device == 'cuda'):
             logits = net(x.contiguous(memory_format=torch.channels_last))
         loss = loss_of([s.float() for s in logits], alpha)
-        optimiser.zero_grad()
-        loss.backward()
-        torch.nn.utils.clip_grad_norm_(net.parameters(), 1.)
-        optimiser.step()
-        average.update(net, schedule.step)
-        running = loss.item() if running is None else .98 * running + .02 * loss.item()
-        if schedule.step % 50 == 0:
-            print(f'{schedule.step} {schedule.elapsed / 60:.1f} min, loss {running:.4f}', flush=True)
-        if schedule.elapsed - mark > 150:
-            mark = schedule.elapsed
-            save_checkpoint(a.out, net, average, optimiser, schedule)
-        if schedule.elapsed - scored > 480:
-            scored = schedule.elapsed
-            with average.inside(net):
-                print(evaluate(net, a.cache, a.device, limit=40), flush=True)
-    save_checkpoint(a.out, net, average, optimiser, schedule)
-    with average.inside(net):
-        print('final', evaluate(net, a.cache, a.device), flush=True)
+        return loss, {'loss': loss}
+
+    train(a, saved, net, optimiser, losses, lambda: evaluate(net, a.cache, a.device))
 
 
 if __name__ == '__main__':
