@@ -31,10 +31,10 @@ graphs::NetworkChoice NetworkFiles::open(const std::string& file, const std::str
     sources_.push_back(std::move(weights));
     return {name, sources_.back().get()};
   }
-  if (!model.empty() && model != default_model)
+  const std::span<const std::byte> built_in = default_weights(default_model);
+  if (!model.empty() && (model != default_model || built_in.empty()))
     throw Error(ErrorKind::kUsage, "no weights of " + model + " are inside this program",
                 "give --" + role + "-weights FILE");
-  const std::span<const std::byte> built_in = default_weights(default_model);
   if (built_in.empty()) return {};
   sources_.push_back(std::make_unique<SafetensorsWeights>(
       SafetensorsFile::from_memory(built_in, default_model + " (built in)")));
