@@ -95,6 +95,17 @@ TEST_CASE("C API: a camera that is moved sees near things shifted, at any size o
         SLIDE_USAGE);
 }
 
+TEST_CASE("C API: fill stands for no network, not for a file") {
+  const Scene scene;
+  slide_settings settings = settings_without_weights();
+  settings.inpaint_weights = "fill";
+  Photo photo;
+  CHECK(create(scene, settings, photo) == SLIDE_OK);
+  settings.inpaint_weights = "fill.safetensors";
+  Photo none;
+  CHECK(create(scene, settings, none) == SLIDE_BAD_WEIGHTS);
+}
+
 TEST_CASE("C API: a photo comes from a file and becomes a page") {
   const TemporaryFolder folder;
   const Scene scene;

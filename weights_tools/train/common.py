@@ -112,7 +112,7 @@ class _Swapped:
 
 
 def arguments(rate, **more):
-    """Of a training program; more: type or default of further options."""
+    """Of a training program; more: further options and their keywords of add_argument()."""
     p = argparse.ArgumentParser()
     p.add_argument('--cache', required=True)
     p.add_argument('--out', required=True, help='the checkpoint, which a run goes on from')

@@ -27,7 +27,7 @@ from common import Ragged, load_safetensors
 from depth_net import DepthNet
 from fill import background_fill, background_weight, push_pull_fill
 from guided import MATTE_RADIUS, guided_upsample
-from inpaint_data import InpaintData, layering
+from inpaint_data import InpaintData, finished, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
 from train_matte import input_size, predict
@@ -232,11 +232,9 @@ def stereo(net, matting, folder):
 
 def estimated(net, sample, parallax):
     """The sample with the disparity that slide_depth makes of its scene, and the hole that follows."""
-    scene, truth, _, alpha, _, _, cover = sample
-    d = disparity(net, bytes_of(scene)).astype(np.float32)
-    d1, _, hole = layering((d - d.min()) / (np.ptp(d) + 1e-6), parallax)
-    scene[3] = 2 * d1 - 1
-    return scene, truth, d1[None], alpha, hole[None], hole * cover, cover
+    scene, truth, _, alpha, *_ = sample
+    image = lambda v: (v[:3].transpose(1, 2, 0) + 1) / 2
+    return finished(image(scene), image(truth), disparity(net, bytes_of(scene)), alpha[0], parallax)
 
 
 def bytes_of(scene):

@@ -65,12 +65,17 @@ def colour_weight(d, behind):
     return ((NEAR - way) / (NEAR - FAR)).clamp(REST, 1)
 
 
+def clear(alpha):
+    """What of a pixel is background, by an exact matte of what covers it."""
+    return (1 - alpha / CLEAR).clamp(0, 1)
+
+
 def matted_weight(weight, matte, reach, exact):
     """colour_weight() with a matte of the subject, 1 inside: an exact one's outline replaces the disparity's within `reach` pixels
     of the subject; where it is an estimate, what either calls foreground gives no colour. The subject is what both call so."""
     near = F.max_pool2d(matte * (1 - weight), 2 * reach + 1, 1, reach)
     if exact:
-        return (weight + near * ((1 - matte / CLEAR).clamp(0, 1) - weight)).clamp(REST, 1)
+        return (weight + near * (clear(matte) - weight)).clamp(REST, 1)
     return (weight * (1 - near * (1 - (1 - matte) ** 2))).clamp(REST, 1)
 
 

@@ -13,14 +13,14 @@ import torch
 import torch.nn.functional as F
 
 from common import arguments, resume, train
-from fill import CLEAR, background_weight, colour_weight, push_pull_fill
+from fill import REST, background_weight, clear, colour_weight, push_pull_fill
 from inpaint_data import Estimated, InpaintData
 from inpaint_net import InpaintNet
 
 NEAR = 13  # pixels, side of the window: so near to the hole weights are learnt
 ORDER = .03  # by how much in front the subject must be, in disparity, for its matte to tell what covers what
-GAIN = 3  # of the filled hole, beside the weights' cross entropy
 SURROUNDINGS = 31  # ... on average over such windows
+GAIN = 3  # of the filled hole, beside the weights' cross entropy
 
 
 class Batches(torch.utils.data.IterableDataset):
@@ -74,7 +74,7 @@ def losses_of(net, scene, truth, d, alpha, hole, mask, where, composites):
     """-> cross entropy, logarithm of the error over that by disparity alone"""
     with torch.no_grad():
         x = inputs(scene, d, hole)
-        target = (1 - alpha / CLEAR).clamp(0, 1)
+        target = clear(alpha)
     logit = net.logit(*x)
     entropy = F.binary_cross_entropy_with_logits(logit, target, reduction='none')
     entropy = (entropy * where).sum(dim=(1, 2, 3)) / where.sum(dim=(1, 2, 3)).clamp_min(50)
@@ -94,11 +94,11 @@ def evaluate(net, tests, device):
             x = inputs(scene, d, hole)
             ours = net.weigh(*x)
             if mask.any():
-                exact = (1 - alpha / CLEAR).clamp(1e-8, 1)
+                exact = clear(alpha).clamp_min(REST)
                 rows.append([-10 * np.log10(float(squared(push_pull_fill(x[0], w).clamp(-1, 1), truth, mask)) / 4 + 1e-9) for w in (x[4], ours, exact)])
             where = torch.from_numpy(told(sample))[None].to(device)
             if where.sum() > 50:
-                errors.append([float(((w - (1 - alpha / CLEAR).clamp(0, 1)).abs() * where).sum() / where.sum()) for w in (x[4], ours)])
+                errors.append([float(((w - clear(alpha)).abs() * where).sum() / where.sum()) for w in (x[4], ours)])
         text = f'{name}: weights err {np.mean(errors, 0)[0]:.3f} -> {np.mean(errors, 0)[1]:.3f}'
         if rows:
             rows = np.array(rows)
