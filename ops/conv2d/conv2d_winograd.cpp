@@ -395,11 +395,11 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
   in.relu = relu_input_;
   in.doubled = upsampling == Upsampling::kNearest;
   in.blended = upsampling == Upsampling::kBilinear;
-  const std::int64_t repeats = upsampling == Upsampling::kNone ? 1 : 2;  // of each pixel, in both directions
-  const std::int64_t width = g_.width / repeats, height = g_.height / repeats;
-  in.odd = repeats == 2 && first_column % 2 != 0;
-  std::int64_t first_read = first_column / repeats;
-  std::int64_t last_read = divide_up(first_column + in.count, repeats);
+  const int halved = upsampling == Upsampling::kNone ? 0 : 1;  // both sides, by shifts: divisions are slow
+  const std::int64_t width = g_.width >> halved, height = g_.height >> halved;
+  in.odd = halved != 0 && first_column % 2 != 0;
+  std::int64_t first_read = first_column >> halved;
+  std::int64_t last_read = (first_column + in.count + halved) >> halved;
   in.left_edge = first_read == 0;
   in.right_edge = last_read == width;
   if (in.blended) {
@@ -427,7 +427,7 @@ void Conv2dWinogradBase::transform_channels(const Strip& strip, std::int64_t wor
       for (std::int64_t u = 0; u < tile_ + 2; ++u) {
         const std::int64_t row = top + u * g_.dilation_y;
         const bool inside = channel < channels && row >= 0 && row < g_.height;
-        const std::int64_t near = row / repeats;
+        const std::int64_t near = row >> halved;
         const std::int64_t far = std::clamp<std::int64_t>(near + (row % 2 == 0 ? -1 : 1), 0, height - 1);
         const float* from = x + channel * plane + first_read;
         rows[lane * (tile_ + 2) + u] = inside ? from + near * width : memory;
