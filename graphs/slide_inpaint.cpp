@@ -80,11 +80,11 @@ Value weight_by_network(Value rgb, Value disparity, Value behind, Value weight, 
 Value fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte, bool network) {
   const Value rgb = ops::slice(rgbd, 1, 0, 3);
   const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
-  Value weight = colour_weight(disparity, behind);
-  if (network) weight = weight_by_network(rgb, disparity, behind, weight, hole);
-  if (matte) weight = matted_weight(weight, *matte);
+  const auto matted = [&matte](Value weight) { return matte ? matted_weight(weight, *matte) : weight; };
+  const Value plain = colour_weight(disparity, behind), known = matted(plain);
+  const Value weight = network ? matted(weight_by_network(rgb, disparity, behind, plain, hole)) : known;
   const Value smooth = ops::push_pull_fill(rgb, weight, kSweeps);
-  return ops::concat({ops::add(smooth, detail(rgb, weight)), ops::affine(behind, 2, -1)}, 1);
+  return ops::concat({ops::add(smooth, detail(rgb, weight, known)), ops::affine(behind, 2, -1)}, 1);
 }
 
 }  // namespace
@@ -117,11 +117,11 @@ Value matted_weight(Value weight, const SubjectMatte& matte) {
   return ops::clip(ops::mul(weight, ops::affine(taken, -1, 1)), kRest, 1);
 }
 
-Value detail(Value rgb, Value weight) {
+Value detail(Value rgb, Value weight, Value known) {
   const Value blurred = ops::div(ops::gaussian_blur(ops::mul(rgb, weight), 1), ops::gaussian_blur(weight, 1));
   const Value fine = ops::mul(ops::sub(rgb, blurred), weight);
   const Value mirrored =
-      ops::clip(ops::affine(ops::mirror_known(fine, weight), kDetail, 0), -kDetailLimit, kDetailLimit);
+      ops::clip(ops::affine(ops::mirror_known(fine, known), kDetail, 0), -kDetailLimit, kDetailLimit);
   return ops::mul(mirrored, ops::affine(weight, -1, 1));
 }
 

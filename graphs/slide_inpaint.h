@@ -45,10 +45,13 @@ std::int64_t matte_reach(std::int64_t height, std::int64_t width);
 Value matted_weight(Value weight, const SubjectMatte& matte);
 
 /// Texture for the unknown: what the background is beyond its own blur (deviation 1, weighted), mirrored into
-/// the hole by ops::mirror_known(), times 7/4, at most 0.1 (which keeps edges out), times 1 - weight.
+/// the hole by ops::mirror_known() at the outline of `known`, times 7/4, at most 0.1 (which keeps edges out),
+/// times 1 - weight. What is mirrored where jumps with the outline, everything else is continuous: an outline
+/// that is not a network's is the same in every precision.
 /// @param rgb     1×3×H×W in [-1,1]
-/// @param weight  colour_weight()
-Value detail(Value rgb, Value weight);
+/// @param weight  colour_weight(), which a network may have corrected
+/// @param known   colour_weight(), as it was
+Value detail(Value rgb, Value weight, Value known);
 
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
 /// smoothly: colours by colour_weight(), or with a matte matted_weight(), and with detail(), disparity by

@@ -113,10 +113,11 @@ def gauss(x):
     return F.conv2d(F.conv2d(y, (k / k.sum()).view(1, 1, 1, 7)), (k / k.sum()).view(1, 1, 7, 1)).view(n, c, h, w)
 
 
-def detail(rgb, weight):
-    """Texture for the unknown: what the background is beyond its own blur, mirrored into the hole. The limit keeps edges out."""
+def detail(rgb, weight, known):
+    """Texture for the unknown: what the background is beyond its own blur, mirrored into the hole at the outline of `known`. The limit
+    keeps edges out."""
     fine = weight * (rgb - gauss(rgb * weight) / gauss(weight))
-    return (1 - weight) * (DETAIL * mirror_known(fine, weight)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
+    return (1 - weight) * (DETAIL * mirror_known(fine, known)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
 
 
 def background_fill(rgbd, d, hole, matte=None, exact=True, network=None):
@@ -124,9 +125,11 @@ def background_fill(rgbd, d, hole, matte=None, exact=True, network=None):
     same with detail(); the weight that its colours have. Disparity is continued by background_weight()."""
     rgb, behind = rgbd[:, :3], push_pull_fill(d, background_weight(d, hole))
     colours = colour_weight(d, behind)
+    known = colours
     if network is not None:
         colours = network.weigh(rgb, push_pull_fill(rgb, colours), d, behind, colours, hole)
     if matte is not None:
-        colours = matted_weight(colours, matte, (max(d.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH, exact)
+        reach = (max(d.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH
+        known, colours = (matted_weight(w, matte, reach, exact) for w in (known, colours))
     smooth, disparity = push_pull_fill(rgb, colours), 2 * behind - 1
-    return torch.cat([smooth, disparity], 1), torch.cat([smooth + detail(rgb, colours), disparity], 1), colours
+    return torch.cat([smooth, disparity], 1), torch.cat([smooth + detail(rgb, colours, known), disparity], 1), colours
