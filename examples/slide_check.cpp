@@ -116,7 +116,7 @@ void add_model(CLI::App& command, Arguments& a) {
   command.add_option("--precision", a.precision,
                      "the fused plan's, its outputs beside the error it predicts: fp32, bf16, int8, auto");
   command.add_option("--error-budget", a.error_budget,
-                     "the fused plan's: fastest kernels with this predicted error, 1e-7 to 0.5");
+                     "the fused plan's: fastest kernels with this predicted error, 1e-7 to 1");
   command.add_option("--dump", a.dump,
                      "write every node's inputs and expected output as operator cases here");
 }

@@ -117,7 +117,7 @@ std::vector<std::size_t> choose_within(std::span<const std::vector<KernelChoice>
 
 PrecisionChoice precision_choice(std::string_view name, std::optional<double> error_budget) {
   if (error_budget && !(*error_budget >= kLeastErrorBudget && *error_budget <= kLargestErrorBudget))
-    throw Error(ErrorKind::kUsage, "the error budget is not between 1e-7 and 0.5",
+    throw Error(ErrorKind::kUsage, "the error budget is not between 1e-7 and 1",
                 "for example 1e-2 for 1 % of the result's size");
   if (name == "auto" || (name.empty() && error_budget))
     return {Precision::kInt8, error_budget.value_or(kDefaultErrorBudget)};

@@ -46,7 +46,7 @@ struct KernelChoice {
 /// The budget of the precision "auto", and what a user may ask for.
 inline constexpr double kDefaultErrorBudget = 1e-2;
 inline constexpr double kLeastErrorBudget = 1e-7;
-inline constexpr double kLargestErrorBudget = 0.5;
+inline constexpr double kLargestErrorBudget = 1;
 
 /// What users say about precision, as plans take it: see PlanOptions.
 struct PrecisionChoice {

@@ -42,7 +42,7 @@ INPUTS = {
 
 CASES = [
     Case('midas_v21_384x384', 'midas_v21', 'MidasV21', (384, 384), quick=True, quantise=True, int8_budget=.5),
-    Case('midas_v21_small_256x256', 'midas_v21_small', 'MidasV21Small', (256, 256), quick=True, quantise=True, int8_budget=.1),
+    Case('midas_v21_small_256x256', 'midas_v21_small', 'MidasV21Small', (256, 256), quick=True, quantise=True, int8_budget=.13),
     Case('midas_v21_small_256x384', 'midas_v21_small', 'MidasV21Small', (256, 384), quantise=True, int8_budget=.1),
     Case('inpaint_coarse_w24_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 24, quick=True, quantise=True),
     Case('inpaint_coarse_w48_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 48, quick=True, quantise=True),
@@ -51,8 +51,8 @@ CASES = [
     Case('inpaint_deepfill_w48_256x256', 'inpaint_deepfill', 'InpaintDeepfill', (256, 256), 48, onnx=False, quick=True),
     Case('inpaint_deepfill_w12_672x1008', 'inpaint_deepfill', 'InpaintDeepfill', (672, 1008), 12, onnx=False, heavy=True),
     Case('inpaint_deepfill_w48_672x1008', 'inpaint_deepfill', 'InpaintDeepfill', (672, 1008), 48, onnx=False, heavy=True),
-    Case('u2net_320x320', 'u2net', 'U2Net', (320, 320), quick=True, quantise=True, int8_budget=.5),
-    Case('u2netp_320x320', 'u2netp', 'U2NetP', (320, 320), quick=True, quantise=True, int8_budget=.5),
+    Case('u2net_320x320', 'u2net', 'U2Net', (320, 320), quick=True, quantise=True, int8_budget=.65),
+    Case('u2netp_320x320', 'u2netp', 'U2NetP', (320, 320), quick=True, quantise=True, int8_budget=.65),
     Case('fba_512x512', 'fba', 'Fba', (512, 512)),
     Case('slide_depth_256x384', 'slide_depth', 'SlideDepth', (256, 384), weights='weights/slide_depth.safetensors', quick=True,
          quantise=True),

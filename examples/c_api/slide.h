@@ -48,7 +48,7 @@ typedef struct slide_settings {
   const char* inpaint_weights; /* likewise; "fill": the depth-aware fill alone, no network */
   const char* precision;       /* "fp32", "bf16", "int8" or "auto"; NULL (default): fp32 */
   double error_budget;     /* relative error that a network's result may be expected to have, the precisions
-                              down to that one mixed: 1e-7 to 0.5; 0 (default): none, for auto 0.01 */
+                              down to that one mixed: 1e-7 to 1; 0 (default): none, for auto 0.01 */
   slide_progress progress; /* NULL (default): none */
   void* user;              /* given to it */
 } slide_settings;

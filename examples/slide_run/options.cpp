@@ -167,7 +167,7 @@ void declare_running(CLI::App& app, Options& o) {
       ->type_name("NAME");
   app.add_option(
          "--error-budget", o.error_budget,
-         "Relative error that each network's result may be expected to have, 1e-7 to 0.5; the precisions "
+         "Relative error that each network's result may be expected to have, 1e-7 to 1; the precisions "
          "down to --precision are mixed. Default: 0.01 for auto")
       ->group(running)
       ->type_name("E");

@@ -42,6 +42,7 @@ constexpr std::int64_t kMinTaskRows = 12;    // fewer read the transformed tiles
 constexpr std::int64_t kFewTasks = 16;       // with fewer in a shared strip, tasks have fewer rows
 constexpr std::int64_t kFewStrips = 8;       // with fewer, threads share them
 constexpr std::int64_t kOwnBytes = 1 << 19;  // of a thread's own transformed input
+constexpr std::int64_t kOwnTiles = 80;       // at least, even if they take more: panels are filled better
 constexpr std::int64_t kNearBytes =
     24 << 10;  // of it, multiplied with all rows of a task: in the first-level cache
 constexpr std::int64_t kSharedBytes = 8 << 20;
@@ -190,7 +191,7 @@ Conv2dWinogradBase::Conv2dWinogradBase(int tile, Precision precision, const Conv
 /// Into strips.
 void Conv2dWinogradBase::divide_tiles() noexcept {
   const auto tile_bytes = frequencies_ * words_ * static_cast<std::int64_t>(sizeof(float));
-  const std::int64_t own = std::max(kOwnBytes / tile_bytes, kTaskTiles);
+  const std::int64_t own = std::max(kOwnBytes / tile_bytes, kOwnTiles);
   shared_ = g_.batch * lines_ * line_tiles_ < kFewStrips * own;
   const std::int64_t shared = std::max(kSharedBytes / tile_bytes, 4 * kTaskTiles);
   const std::int64_t most =

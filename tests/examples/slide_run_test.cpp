@@ -231,7 +231,7 @@ TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the 
   for (const std::vector<std::string>& wrong : {std::vector<std::string>{"--precision", "fp8"},
                                                 {"--error-budget", "0"},
                                                 {"--error-budget", "nan"},
-                                                {"--error-budget", "1"},
+                                                {"--error-budget", "1.01"},
                                                 {"--precision", "fp32", "--error-budget", "1e-7"}}) {
     std::vector<std::string> arguments = {scene.photo, "-o", folder.file("out.png")};
     arguments.insert(arguments.end(), wrong.begin(), wrong.end());

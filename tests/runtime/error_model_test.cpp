@@ -100,7 +100,7 @@ TEST_CASE("what users say about precision is understood or refused") {
   CHECK(refuses("fp64", {}));
   CHECK(refuses("fp32", 0));
   CHECK(refuses("auto", -1));
-  CHECK(refuses("auto", 0.6));
+  CHECK(refuses("auto", 1.01));
   CHECK(refuses("auto", std::numeric_limits<double>::quiet_NaN()));
 }
 
