@@ -37,6 +37,7 @@ using namespace slide;
 using nlohmann::json;
 
 constexpr std::string_view kLayering = "layering";
+constexpr int kProfiledRuns = 5;
 constexpr double kLayeringParallax = 40;  // pixels: 4 % of 1008
 
 struct Arguments {
@@ -157,7 +158,7 @@ class Bench {
   }
 
   /// What each node asks of the machine at least, as [precision, multiply-accumulates that its kernel does,
-  /// bytes of its inputs, packed weights and output]: the floor under its time.
+  /// bytes of its inputs, packed weights and output, kernel]: the floor under its time.
   [[nodiscard]] json work() const {
     json all = json::array();
     for (const PlanStep& step : executor_->plan().steps) {
@@ -171,8 +172,9 @@ class Bench {
       }
       const double bytes =
           static_cast<double>(numbers) * sizeof(float) + static_cast<double>(step.packed_bytes);
-      all.push_back(
-          {name_of(step.kernel->precision()), step.kernel->macs(*node.op, shapes, node.shape), bytes});
+      all.push_back({name_of(step.kernel->precision()), step.kernel->macs(*node.op, shapes, node.shape),
+                     bytes,
+                     std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa()))});
     }
     return all;
   }
@@ -250,20 +252,19 @@ class Bench {
 
 void say(const json& message) { std::cout << message.dump() << std::endl; }
 
-/// Obeys one line after the other: see benchmarks/peers/README.md.
-void serve(Bench& bench) {
-  say(bench.facts());
-  for (std::string line; std::getline(std::cin, line) && line != "quit";) {
-    if (line == "run")
-      say({{"ms", bench.run()}});
-    else if (line.starts_with("output ")) {
-      bench.write_output(line.substr(7));
-      say(json::object());
-    } else if (line == "facts")
-      say(bench.facts());
-    else
-      throw Error(ErrorKind::kUsage, "no command: " + line);
+/// Every node with the median of its times over `runs` runs.
+Profile median_profile(Bench& bench, int runs) {
+  std::vector<Profile> profiles(static_cast<std::size_t>(runs));
+  for (Profile& profile : profiles) bench.run(&profile);
+  Profile median = profiles[0];
+  for (std::size_t i = 0; i < median.size(); ++i) {
+    std::vector<double> seconds;
+    seconds.reserve(profiles.size());
+    for (const Profile& profile : profiles) seconds.push_back(profile[i].seconds);
+    std::ranges::sort(seconds);
+    median[i].seconds = seconds[seconds.size() / 2];
   }
+  return median;
 }
 
 /// Time by kernel, the most expensive first.
@@ -290,25 +291,33 @@ json by_kernel(const Profile& profile) {
   return all;
 }
 
-/// Every node with the median of its times over `runs` runs.
-json by_node(Bench& bench, int runs) {
-  std::vector<Profile> profiles(static_cast<std::size_t>(runs));
-  for (Profile& profile : profiles) bench.run(&profile);
+json by_node(const Profile& profile) {
   json all = json::array();
-  for (std::size_t i = 0; i < profiles[0].size(); ++i) {
-    NodeProfile node = profiles[0][i];
-    std::vector<double> seconds;
-    seconds.reserve(profiles.size());
-    for (const Profile& profile : profiles) seconds.push_back(profile[i].seconds);
-    std::ranges::sort(seconds);
-    node.seconds = seconds[seconds.size() / 2];
+  for (const NodeProfile& node : profile)
     all.push_back({{"node", node.node},
                    {"kernel", node.kernel},
                    {"ms", 1e3 * node.seconds},
                    {"gflops", node.gflops()},
                    {"gbytes", node.gigabytes_per_second()}});
-  }
   return all;
+}
+
+/// Obeys one line after the other: see benchmarks/peers/README.md.
+void serve(Bench& bench) {
+  say(bench.facts());
+  for (std::string line; std::getline(std::cin, line) && line != "quit";) {
+    if (line == "run")
+      say({{"ms", bench.run()}});
+    else if (line.starts_with("output ")) {
+      bench.write_output(line.substr(7));
+      say(json::object());
+    } else if (line == "kernels")
+      say({{"kernels", by_kernel(median_profile(bench, kProfiledRuns))}});
+    else if (line == "facts")
+      say(bench.facts());
+    else
+      throw Error(ErrorKind::kUsage, "no command: " + line);
+  }
 }
 
 json measure(Bench& bench, const Arguments& a) {
@@ -321,12 +330,11 @@ json measure(Bench& bench, const Arguments& a) {
   report["ms"] = times[times.size() / 2];
   report["ms_all"] = times;
   report["gflops"] = 1e3 * bench.gflop() / times[times.size() / 2];
-  if (a.profile) {
-    Profile profile;
-    bench.run(&profile);
-    report["kernels"] = by_kernel(profile);
+  if (a.profile || a.nodes) {
+    const Profile profile = median_profile(bench, a.runs);
+    if (a.profile) report["kernels"] = by_kernel(profile);
+    if (a.nodes) report["nodes"] = by_node(profile);
   }
-  if (a.nodes) report["nodes"] = by_node(bench, a.runs);
   if (!a.reference.empty()) report["error"] = bench.errors(a.reference);
   return report;
 }
@@ -371,7 +379,7 @@ int run(CLI::App& app, int argc, char** argv) {
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
   app.add_flag("--json", a.json, "print a JSON object");
-  app.add_flag("--profile", a.profile, "also the time by kernel");
+  app.add_flag("--profile", a.profile, "also the time by kernel (sums of the nodes' medians)");
   app.add_flag("--nodes", a.nodes, "also the time by node (median of the runs)");
   app.add_flag("--serve", a.serve, "obey lines from standard input");
   try {

@@ -230,7 +230,7 @@ def measure(case, threads, options):
             break
     results = []
     for peer in peers:
-        facts = peer.facts | {'peak_kib': peer.ask('facts')['peak_kib']}
+        facts = peer.facts | {'peak_kib': peer.ask('facts')['peak_kib']} | (peer.ask('kernels') if peer.name.startswith('slide') else {})
         ms = statistics.median(peer.rounds) if peer.rounds else None
         results.append({'name': peer.name, 'ms': ms, 'rounds': peer.rounds} | facts)
         peer.stop()
