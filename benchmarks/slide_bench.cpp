@@ -173,8 +173,7 @@ class Bench {
       const double bytes =
           static_cast<double>(numbers) * sizeof(float) + static_cast<double>(step.packed_bytes);
       all.push_back({name_of(step.kernel->precision()), step.kernel->macs(*node.op, shapes, node.shape),
-                     bytes,
-                     std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa()))});
+                     bytes, step.kernel->name_and_level()});
     }
     return all;
   }

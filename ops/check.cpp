@@ -187,7 +187,7 @@ KernelTask make_task(const Op& op, std::span<const Tensor> inputs) {
 
 KernelCheck check_kernel(const Kernel& kernel, const KernelTask& task, bool thread_counts) {
   KernelCheck check;
-  check.kernel = std::string(kernel.name()) + "." + std::string(name_of(kernel.isa()));
+  check.kernel = kernel.name_and_level();
   check.isa = kernel.isa();
   check.factor = kernel.error_factor(*task.op, shapes_of(task.inputs));
   try {

@@ -70,8 +70,7 @@ void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
     const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;
     if (options.profile != nullptr)
       options.profile->push_back(
-          {node.name, std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa())),
-           took.count(), node.op->macs(shapes, node.shape), bytes});
+          {node.name, step.kernel->name_and_level(), took.count(), node.op->macs(shapes, node.shape), bytes});
   }
 }
 

@@ -16,6 +16,8 @@ double Op::error_share(std::size_t index, std::span<const Shape> inputs) const {
   return all > 0 ? static_cast<double>(inputs[index].count()) / all : 0;
 }
 
+std::string Kernel::name_and_level() const { return std::string(name()) + "." + std::string(name_of(isa())); }
+
 double Kernel::expected_error(const Op& op, std::span<const Shape> inputs) const {
   return 0.4 * unit_roundoff() * std::sqrt(error_factor(op, inputs));
 }

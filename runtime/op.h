@@ -38,6 +38,8 @@ class Kernel {
   [[nodiscard]] virtual std::string_view name() const = 0;
   /// The level it was compiled for.
   [[nodiscard]] virtual Isa isa() const = 0;
+  /// Both, as plans and profiles show them: "conv2d.im2col.avx2".
+  [[nodiscard]] std::string name_and_level() const;
   /// What it multiplies with.
   [[nodiscard]] virtual Precision precision() const { return Precision::kFp32; }
   /// Whether it can do this call, and is worth it. `op` is always an operator that lists this kernel.

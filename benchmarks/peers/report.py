@@ -290,7 +290,7 @@ MISSED = '''## Where aims are missed
 Of what takes longer than its aim, the time by kernel: sums over nodes, medians of five runs.
 
 - **Winograd** convolutions are three parts. In U²-Net in float32 (one thread, timers around the parts) products take 71 % of the whole network's time, the
-  input's transform 15 %, the output's 8 %, transforming weights at each run 3 %. Products of many tiles run at 83 to 93 % of the peak, of few tiles at 52 to 77 %,
+  input's transform 15 %, the output's 8 %, transforming weights at each run 3 %. Products of many tiles run at 80 to 93 % of the peak, of few tiles at 52 to 77 %,
   weights from memory included. The transform of an input of 320×320 pixels takes 340 to 390 cycles for 16 tiles of a channel; 186 would do if all were in
   the first caches, and reading it once from memory takes 100. Tiles of 6×6 outputs would multiply a fifth less; their transforms take longer,
   and they err four times as much.

@@ -52,10 +52,7 @@ std::string table_of(const graphs::PlannedStage& stage) {
     const Node& node = stage.graph->node(step.node);
     const Macs macs = macs_of(*stage.graph, step);
     const auto bytes = static_cast<std::size_t>(node.shape.count()) * sizeof(float);
-    table.row({node.name, operator_of(node),
-               step.in_place
-                   ? "in place"
-                   : std::string(step.kernel->name()) + "." + std::string(name_of(step.kernel->isa())),
+    table.row({node.name, operator_of(node), step.in_place ? "in place" : step.kernel->name_and_level(),
                node.shape.text(), fixed(1e-6 * macs.done, 3), fixed(1e-6 * macs.nominal, 3),
                std::to_string(step.offset), std::to_string(bytes), std::to_string(step.scratch_bytes),
                std::string(name_of(step.kernel->precision())), scientific(step.predicted_error)});
