@@ -301,7 +301,7 @@ Of what takes longer than its aim, the time by kernel: sums over nodes, medians 
 
 
 def merged(paths):
-    """What run.py wrote; networks that a later file has, too, at the same number of threads are taken from there."""
+    """What run.py wrote; what a later file has, too, at the same number of threads is taken from there."""
     files = []
     for path in paths:
         with open(path) as f:
@@ -309,7 +309,8 @@ def merged(paths):
     found = {(n['case'], n['threads']): n for results in files for n in results['networks']}
     order = list(dict.fromkeys(case for case, _ in found))
     networks = sorted(found.values(), key=lambda n: (order.index(n['case']), -n['threads']))
-    return files[0] | {'networks': networks, 'forced': any(results['forced'] for results in files)}
+    whole = {kind: list({r['threads']: r for results in files for r in results.get(kind, [])}.values()) for kind in ('layering', 'slide_run')}
+    return files[0] | whole | {'networks': networks, 'forced': any(results['forced'] for results in files)}
 
 
 def main():
