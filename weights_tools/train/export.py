@@ -1,11 +1,11 @@
 #!/usr/bin/python3
-"""Writes a checkpoint's averaged weights as the safetensors file that the runtime reads (float16), with its metadata.
+"""Writes averaged weights of checkpoints as the safetensors file that the runtime reads (float16), with its metadata.
 
-  export.py --model depth|inpaint|matte [--logits FACTOR] [--shift S] CHECKPOINT OUT.safetensors
+  export.py --model depth|inpaint|matte [--logits FACTOR] [--shift S] CHECKPOINT... OUT.safetensors
 
 --logits multiplies the last layer: slide_matte was trained to doubt, and its mattes are nearer to the truth with 2. --shift is then
 added to its bias: slide_inpaint believes too readily that a pixel is background; with -0.4 no more of the foreground gets into the fill
-of photos than without it.
+of photos than without it. Several checkpoints are runs that went on from the same weights with other samples: their mean is written.
 """
 import argparse
 
@@ -26,15 +26,16 @@ p = argparse.ArgumentParser()
 p.add_argument('--model', choices=MODELS, required=True)
 p.add_argument('--logits', type=float, default=1.)
 p.add_argument('--shift', type=float, default=0.)
-p.add_argument('checkpoint')
+p.add_argument('checkpoints', nargs='+')
 p.add_argument('out')
 a = p.parse_args()
-saved = torch.load(a.checkpoint, map_location='cpu')
+runs = [torch.load(path, map_location='cpu') for path in a.checkpoints]
+weights = {key: sum(run['average'][key] for run in runs) / len(runs) for key in runs[0]['average']}
 name, last, recipe = MODELS[a.model]
 for part in ('.weight', '.bias'):
-    saved['average'][last + part] *= a.logits
-saved['average'][last + '.bias'] += a.shift
-metadata = {'model': name, 'recipe': recipe, 'training': f'{saved["step"]} steps, {saved["elapsed"] / 60:.0f} minutes',
+    weights[last + part] *= a.logits
+weights[last + '.bias'] += a.shift
+metadata = {'model': name, 'recipe': recipe, 'training': ' and '.join(f'{run["step"]} steps, {run["elapsed"] / 60:.0f} minutes' for run in runs),
             'licence': 'Apache-2.0 for the code; weights ' + NOTE}
-save_safetensors(a.out, saved['average'], metadata)
+save_safetensors(a.out, weights, metadata)
 print(a.out, metadata['training'])

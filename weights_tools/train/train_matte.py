@@ -2,6 +2,7 @@
 """Trains slide_matte: distils the mattes given, with exact composites among them.
 
   train_matte.py --cache CACHE --out matte.pt --minutes 40 [--net mobile|u2netp] [--start depth.safetensors] [--device cuda]
+  train_matte.py ... --start matte.safetensors --logits 2      mattes as export.py --logits 2 wrote them
 
 Goes on from matte.pt when it exists. Loss: cross entropy on every output, and on the first the absolute error of alpha and
 of its gradient, with more weight where alpha is neither 0 nor 1.
@@ -72,20 +73,26 @@ def evaluate(net, cache, device, side=384, limit=None):
 
 def main():
     a = arguments(6e-4, net=dict(choices=NETS, default='mobile'), start=dict(help='safetensors to start from; mobile only'),
+                  logits=dict(type=float, help='those are mattes, exported with this factor; default: disparity, the last layer starts anew'),
+                  seed=dict(type=int, default=0, help='another one: other samples'),
                   batch_factor=dict(type=int, default=1, help='multiplies all batch sizes'),
                   freeze=dict(type=int, default=0, help='encoder blocks that are not trained'),
                   side_factor=dict(type=float, default=1., help='of all sides, rounded to multiples of 32'))
     saved, seed = resume(a)
-    data = MatteData(a.cache, seed + 1)
+    data = MatteData(a.cache, seed + a.seed + 1)
     net = NETS[a.net]()
     if a.freeze:
         net.encoder.frozen = a.freeze
     if saved:
         net.load_state_dict(saved['net'])
     elif a.start:
-        given = {k: v for k, v in load_safetensors(a.start).items() if not k.startswith('out3')}
-        assert not net.load_state_dict(given, strict=False).unexpected_keys
-        calm(net, data)
+        given = load_safetensors(a.start)
+        if a.logits:
+            net.load_state_dict({k: v / a.logits if k.startswith('out3') else v for k, v in given.items()})
+        else:
+            given = {k: v for k, v in given.items() if not k.startswith('out3')}
+            assert not net.load_state_dict(given, strict=False).unexpected_keys
+            calm(net, data)
     net = net.to(a.device, memory_format=torch.channels_last)
     encoder = [q for n, q in net.named_parameters() if n.startswith('encoder')]
     others = [q for n, q in net.named_parameters() if not n.startswith('encoder')]
