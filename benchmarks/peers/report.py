@@ -292,8 +292,8 @@ Of what takes longer than its aim, the time by kernel: sums over nodes, medians 
 - **Winograd** convolutions are three parts. In U²-Net in float32 (one thread, timers around the parts) products take 71 % of the whole network's time, the
   input's transform 15 %, the output's 8 %, transforming weights at each run 3 %. Products of many tiles run at 80 to 93 % of the peak, of few tiles at 52 to 77 %,
   weights from memory included. The transform of an input of 320×320 pixels takes 340 to 390 cycles for 16 tiles of a channel; 186 would do if all were in
-  the first caches, and reading it once from memory takes 100. Tiles of 6×6 outputs would multiply a fifth less; their transforms take longer,
-  and they err four times as much.
+  the first caches, and reading it once from memory takes 100. Tiles of 6×6 outputs multiply a fifth less; taken wherever they fit, they make the
+  network 1.37 times as slow (transforming the input takes nearly three times as long) and its RMS error 2.4 times as large.
 - **MiDaS small** is 1×1 and depthwise layers of little depth and Winograd layers of 64 channels. With no regard to the error its fastest plan takes 16.3 instead of
   17.6 ms on one thread (ONNX Runtime in 8 bits 19.6): 7.4 ms are Winograd layers in bfloat16 (multiplied directly in 8 bits they would take 6.1 at the very peak), 4.3 are
   8-bit layers, 2.4 depthwise ones, which wait for their input. Tensors between layers are float32 in SLIDE and 8 bits in ONNX Runtime.
