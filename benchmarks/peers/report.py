@@ -293,9 +293,9 @@ Of what takes longer than its aim, the time by kernel: sums over nodes, medians 
   input's transform 15 %, the output's 8 %, transforming weights at each run 3 %. Products of many tiles run at 80 to 93 % of the peak, of few tiles at 52 to 77 %,
   weights from memory included. The transform of an input of 320×320 pixels takes 340 to 390 cycles for 16 tiles of a channel; 186 would do if all were in
   the first caches, and reading it once from memory takes 100. Tiles of 6×6 outputs multiply a fifth less; taken wherever they fit, they make the
-  network 1.37 times as slow (transforming the input takes nearly three times as long) and its RMS error 2.4 times as large.
-- **MiDaS small** is 1×1 and depthwise layers of little depth and Winograd layers of 64 channels. With no regard to the error its fastest plan takes 16.3 instead of
-  17.6 ms on one thread (ONNX Runtime in 8 bits 19.6): 7.4 ms are Winograd layers in bfloat16 (multiplied directly in 8 bits they would take 6.1 at the very peak), 4.3 are
+  network take 1.35 times as long (transforming the input nearly three times) and err 2.4 times as much.
+- **MiDaS small** is 1×1 and depthwise layers of little depth and Winograd layers of 64 channels. With no regard to the error its fastest plan takes 15.8 instead of
+  17.3 ms on one thread (ONNX Runtime in 8 bits 16.9): 7.2 ms are Winograd layers in bfloat16 (multiplied directly in 8 bits they would take 5.6 at the very peak), 5.0 are
   8-bit layers, 2.4 depthwise ones, which wait for their input. Tensors between layers are float32 in SLIDE and 8 bits in ONNX Runtime.
 '''
 
