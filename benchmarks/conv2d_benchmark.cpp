@@ -7,7 +7,7 @@
 
 #include "graphs/formula_weights.h"
 #include "ops/conv2d/conv2d.h"
-#include "ops/gated_conv/gated_conv2d.h"
+#include "ops/conv2d/gated_conv2d.h"
 #include "runtime/fast_executor.h"
 #include "runtime/threads.h"
 

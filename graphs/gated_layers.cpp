@@ -4,7 +4,7 @@
 #include <vector>
 
 #include "graphs/layers.h"
-#include "ops/gated_conv/gated_conv2d.h"
+#include "ops/conv2d/gated_conv2d.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/error.h"

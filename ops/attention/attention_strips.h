@@ -7,7 +7,7 @@
 
 #include "ops/attention/attention_routines.h"
 #include "ops/attention/contextual_attention_op.h"
-#include "ops/conv2d/conv2d_gemm.h"
+#include "ops/gemm/conv2d_gemm.h"
 
 namespace slide::ops {
 

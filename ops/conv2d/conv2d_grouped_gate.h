@@ -1,6 +1,6 @@
 #pragma once
 
-#include "ops/conv2d/conv2d_gemm.h"
+#include "ops/gemm/conv2d_gemm.h"
 
 namespace slide::ops {
 

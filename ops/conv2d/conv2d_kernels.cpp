@@ -4,8 +4,8 @@
 // × columns) stays in the first-level cache, a streams.
 
 #include "ops/conv2d/conv2d_routines.h"
-#include "ops/conv2d/depthwise_kernels.h"
-#include "ops/conv2d/few_filters_kernels.h"
+#include "ops/conv2d/depthwise/depthwise_kernels.h"
+#include "ops/conv2d/few_filters/few_filters_kernels.h"
 #include "ops/conv2d/word_kernels.h"
 #include "ops/simd/math.h"
 

@@ -53,7 +53,7 @@ struct DepthwisePlane {
   float low, high;  ///< to which results are cut
 };
 
-/// A block of the depth of a product of words (conv2d_direct.h) for a panel of rows and one of columns.
+/// A block of the depth of a product of words (direct/direct.h) for a panel of rows and one of columns.
 struct WordProduct {
   const float* a;               ///< depth × rows
   const float* b;               ///< row k at b + offsets[k], without offsets at b + k·columns
@@ -145,7 +145,7 @@ struct Conv2dRoutines {
   void (*pack_columns)(const ColumnSource& source, std::int64_t first, std::int64_t count,
                        std::int64_t first_k, std::int64_t last_k, float* b);
 
-  // By Precision, words as conv2d_direct.h has them.
+  // By Precision, words as direct/direct.h has them.
 
   /// Products are added to the sums in the order of k, after what they start from; sums of integers are
   /// int32.

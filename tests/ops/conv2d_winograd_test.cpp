@@ -1,4 +1,4 @@
-#include "ops/conv2d/winograd_matrices.h"
+#include "ops/conv2d/winograd/winograd_matrices.h"
 
 #include <doctest/doctest.h>
 

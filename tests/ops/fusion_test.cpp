@@ -9,7 +9,7 @@
 #include "kernel_bounds.h"
 #include "ops/check.h"
 #include "ops/conv2d/conv2d_op.h"
-#include "ops/gated_conv/gated_conv2d.h"
+#include "ops/conv2d/gated_conv2d.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/resize/resize_op.h"

@@ -4,7 +4,7 @@
 #include <bit>
 #include <cmath>
 
-#include "ops/conv2d/conv2d_direct.h"
+#include "ops/conv2d/direct/direct.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {

@@ -6,8 +6,8 @@
 #include <cstring>
 
 #include "ops/conv2d/bf16_bits.h"
-#include "ops/conv2d/conv2d_direct.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/conv2d/direct/direct.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {

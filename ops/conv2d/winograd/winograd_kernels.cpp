@@ -11,7 +11,7 @@
 
 #include <utility>
 
-#include "ops/conv2d/winograd_routines.h"
+#include "ops/conv2d/winograd/winograd_routines.h"
 #include "ops/conv2d/words.h"
 #include "ops/simd/lanes.h"
 #include "ops/simd/non_temporal.h"

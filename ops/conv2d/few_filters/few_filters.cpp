@@ -1,4 +1,4 @@
-#include "ops/conv2d/conv2d_few_filters.h"
+#include "ops/conv2d/few_filters/few_filters.h"
 
 #include <algorithm>
 #include <array>

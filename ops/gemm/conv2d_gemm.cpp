@@ -1,4 +1,4 @@
-#include "ops/conv2d/conv2d_gemm.h"
+#include "ops/gemm/conv2d_gemm.h"
 
 #include <algorithm>
 #include <cmath>

@@ -5,9 +5,9 @@
 #include <cmath>
 #include <vector>
 
-#include "ops/conv2d/conv2d_direct.h"
-#include "ops/conv2d/conv2d_few_filters.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/conv2d/direct/direct.h"
+#include "ops/conv2d/few_filters/few_filters.h"
 #include "ops/resize/resized_rows.h"
 #include "runtime/threads.h"
 

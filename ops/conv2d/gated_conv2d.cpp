@@ -1,4 +1,4 @@
-#include "ops/gated_conv/gated_conv2d.h"
+#include "ops/conv2d/gated_conv2d.h"
 
 #include <memory>
 #include <vector>

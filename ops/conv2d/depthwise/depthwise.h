@@ -11,7 +11,7 @@
 namespace slide::ops {
 
 /// A convolution whose groups have one input channel each, directly: a task takes one channel, copies it into
-/// planes that are split by the stride (conv2d_direct.h), so that every tap of all output positions is a run
+/// planes that are split by the stride (direct/direct.h), so that every tap of all output positions is a run
 /// of adjacent numbers, and sums the taps in registers.
 ///
 /// Where input and output are of the same size, or one twice the other at stride 2, and the kernel has up to

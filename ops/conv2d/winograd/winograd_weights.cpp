@@ -6,9 +6,9 @@
 #include <bit>
 
 #include "ops/conv2d/bf16_bits.h"
-#include "ops/conv2d/conv2d_winograd.h"
-#include "ops/conv2d/winograd_filters.h"
-#include "ops/conv2d/winograd_matrices.h"
+#include "ops/conv2d/winograd/winograd.h"
+#include "ops/conv2d/winograd/winograd_filters.h"
+#include "ops/conv2d/winograd/winograd_matrices.h"
 #include "ops/simd/dispatch.h"
 #include "runtime/threads.h"
 

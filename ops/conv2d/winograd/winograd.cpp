@@ -3,16 +3,16 @@
 // transform the products back. What a thread writes and soon reads again, a task's products and, where there
 // are strips enough for every thread to have its own, the transformed input, stays in the second-level cache;
 // the weights stream from the third-level cache once for each task_columns_ panels of tiles. Few tiles have
-// an order of their own (conv2d_winograd_few_tiles.cpp).
+// an order of their own (winograd_few_tiles.cpp).
 
-#include "ops/conv2d/conv2d_winograd.h"
+#include "ops/conv2d/winograd/winograd.h"
 
 #include <algorithm>
 #include <cmath>
 
 #include "ops/common/non_temporal.h"
-#include "ops/conv2d/winograd_matrices.h"
-#include "ops/conv2d/winograd_tiles.h"
+#include "ops/conv2d/winograd/winograd_matrices.h"
+#include "ops/conv2d/winograd/winograd_tiles.h"
 #include "ops/simd/dispatch.h"
 #include "runtime/threads.h"
 

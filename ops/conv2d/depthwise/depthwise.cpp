@@ -1,4 +1,4 @@
-#include "ops/conv2d/conv2d_depthwise.h"
+#include "ops/conv2d/depthwise/depthwise.h"
 
 #include <algorithm>
 #include <bit>

@@ -1,10 +1,10 @@
-#include "ops/conv2d/winograd_error.h"
+#include "ops/conv2d/winograd/winograd_error.h"
 
 #include <cmath>
 #include <vector>
 
-#include "ops/conv2d/winograd_matrices.h"
-#include "ops/conv2d/winograd_tiles.h"
+#include "ops/conv2d/winograd/winograd_matrices.h"
+#include "ops/conv2d/winograd/winograd_tiles.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {

@@ -8,7 +8,7 @@
 // stream of weights through memory; a part of it is in the first-level cache while all tiles pass by. Sums of
 // blocks are in memory between the parts, tile by tile, and are transposed at the end.
 
-#include "ops/conv2d/winograd_routines.h"
+#include "ops/conv2d/winograd/winograd_routines.h"
 #include "ops/conv2d/words.h"
 #include "ops/simd/lanes.h"
 #include "ops/simd/simd.h"

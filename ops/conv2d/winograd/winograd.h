@@ -8,8 +8,8 @@
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/conv2d/conv2d_method.h"
 #include "ops/conv2d/conv2d_routines.h"
-#include "ops/conv2d/winograd_error.h"
-#include "ops/conv2d/winograd_routines.h"
+#include "ops/conv2d/winograd/winograd_error.h"
+#include "ops/conv2d/winograd/winograd_routines.h"
 #include "runtime/precision.h"
 
 namespace slide::ops {

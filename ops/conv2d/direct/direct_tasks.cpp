@@ -1,13 +1,13 @@
 // What a direct convolution decides before it runs: what is gathered, and how the work is parted.
 
-#include "ops/conv2d/conv2d_direct.h"
+#include "ops/conv2d/direct/direct.h"
 
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
-#include "ops/conv2d/conv2d_few_filters.h"
-#include "ops/conv2d/conv2d_winograd.h"
+#include "ops/conv2d/few_filters/few_filters.h"
+#include "ops/conv2d/winograd/winograd.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {

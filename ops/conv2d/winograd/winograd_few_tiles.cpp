@@ -7,8 +7,8 @@
 #include <algorithm>
 
 #include "ops/common/non_temporal.h"
-#include "ops/conv2d/conv2d_winograd.h"
-#include "ops/conv2d/winograd_filters.h"
+#include "ops/conv2d/winograd/winograd.h"
+#include "ops/conv2d/winograd/winograd_filters.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 
-#include "ops/conv2d/conv2d_winograd.h"
-#include "ops/conv2d/winograd_tiles.h"
+#include "ops/conv2d/winograd/winograd.h"
+#include "ops/conv2d/winograd/winograd_tiles.h"
 
 namespace slide::ops {
 namespace {

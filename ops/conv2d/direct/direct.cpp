@@ -1,4 +1,4 @@
-#include "ops/conv2d/conv2d_direct.h"
+#include "ops/conv2d/direct/direct.h"
 
 #include <algorithm>
 

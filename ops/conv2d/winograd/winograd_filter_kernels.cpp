@@ -2,7 +2,7 @@
 // of its two rows of G. Vectors of float64 are the compilers' own, of any length: they make of one what the
 // level has.
 
-#include "ops/conv2d/winograd_filters.h"
+#include "ops/conv2d/winograd/winograd_filters.h"
 #include "ops/conv2d/words.h"
 #include "ops/simd/simd.h"
 
