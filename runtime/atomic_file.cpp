@@ -132,6 +132,13 @@ void AtomicFile::commit() {
   ::close(folder);
 }
 
+bool same_file(const std::string& a, const std::string& b) noexcept {
+  struct stat first {};
+  struct stat second {};
+  return ::stat(a.c_str(), &first) == 0 && ::stat(b.c_str(), &second) == 0 && first.st_dev == second.st_dev &&
+         first.st_ino == second.st_ino;
+}
+
 void remove_unfinished_files() noexcept {
   for (const Slot& slot : slots)
     if (slot.state.load() == Slot::kNamed) ::unlink(slot.name.data());

@@ -49,6 +49,10 @@ class AtomicFile {
   std::uint64_t size_ = 0;
 };
 
+/// Whether two paths lead to the same existing file, whatever their spelling and the links between. For
+/// programs that must not replace what they read.
+[[nodiscard]] bool same_file(const std::string& a, const std::string& b) noexcept;
+
 /// Removes the temporary files of every AtomicFile that is not committed. Async-signal-safe: meant for a
 /// handler of SIGINT or SIGTERM, after which the process ends without running destructors. Knows the first 64
 /// files open at once.

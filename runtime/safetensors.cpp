@@ -90,14 +90,23 @@ std::string copy_of_header(std::span<const std::byte> bytes, const std::string& 
 
 std::size_t alignment_of(DType type) noexcept { return size_of(type); }
 
-/// The index of the first NaN or infinity, or `count`.
+/// The index of the first NaN or infinity, or `count`. Looks at a block as a whole first, which vectorises.
 template <typename Bits>
 std::size_t first_with_full_exponent(std::span<const std::byte> bytes, Bits exponent_mask) {
+  constexpr std::size_t kBlock = 4096;
   const std::size_t count = bytes.size() / sizeof(Bits);
-  for (std::size_t i = 0; i < count; ++i) {
+  const auto is_full = [&](std::size_t i) {
     Bits value;
     std::memcpy(&value, bytes.data() + i * sizeof(Bits), sizeof value);
-    if ((value & exponent_mask) == exponent_mask) return i;
+    return (value & exponent_mask) == exponent_mask;
+  };
+  for (std::size_t begin = 0; begin < count; begin += kBlock) {
+    const std::size_t end = std::min(count, begin + kBlock);
+    Bits any = 0;
+    for (std::size_t i = begin; i < end; ++i) any |= static_cast<Bits>(is_full(i));
+    if (any == 0) continue;
+    for (std::size_t i = begin; i < end; ++i)
+      if (is_full(i)) return i;
   }
   return count;
 }
@@ -222,22 +231,37 @@ bool SafetensorsFile::has_checksums() const noexcept {
   return !tensors_.empty() && metadata_.contains(std::string(kChecksumPrefix) + tensors_.front().name);
 }
 
+void SafetensorsFile::require_checksum(std::size_t i, std::uint32_t crc) const {
+  const std::string& wanted = metadata_.find(std::string(kChecksumPrefix) + tensors_[i].name)->second;
+  if (checksum_text(crc) != wanted)
+    throw bad(description_ + ": tensor " + tensors_[i].name +
+                  ": its data does not match its checksum (bytes " +
+                  std::to_string(data_start_ + begins_[i]) + " to " +
+                  std::to_string(data_start_ + begins_[i] + tensors_[i].bytes()) + ")",
+              "the file is damaged; fetch or convert it again");
+}
+
+void SafetensorsFile::require_finite(std::size_t i, std::optional<std::size_t> found) const {
+  if (found)
+    throw bad(description_ + ": tensor " + tensors_[i].name + ": element " + std::to_string(*found) +
+                  " is not a finite number (byte " +
+                  std::to_string(data_start_ + begins_[i] + *found * size_of(tensors_[i].dtype)) + ")",
+              "the network was saved after its training had diverged, or the file is damaged");
+}
+
 std::size_t SafetensorsFile::verify_crc() const {
   if (!has_checksums()) return 0;
   std::vector<std::uint32_t> crcs(tensors_.size());
   parallel_for(static_cast<std::int64_t>(crcs.size()), [&](std::int64_t i) {
     crcs[static_cast<std::size_t>(i)] = crc32c(raw(static_cast<std::size_t>(i)));
   });
-  for (std::size_t i = 0; i < crcs.size(); ++i) {
-    const std::string& wanted = metadata_.find(std::string(kChecksumPrefix) + tensors_[i].name)->second;
-    if (checksum_text(crcs[i]) != wanted)
-      throw bad(description_ + ": tensor " + tensors_[i].name +
-                    ": its data does not match its checksum (bytes " +
-                    std::to_string(data_start_ + begins_[i]) + " to " +
-                    std::to_string(data_start_ + begins_[i] + tensors_[i].bytes()) + ")",
-                "the file is damaged; fetch or convert it again");
-  }
+  for (std::size_t i = 0; i < crcs.size(); ++i) require_checksum(i, crcs[i]);
   return crcs.size();
+}
+
+void SafetensorsFile::verify_crc(std::string_view name) const {
+  const std::size_t i = find(name);
+  if (has_checksums()) require_checksum(i, crc32c(raw(i)));
 }
 
 void SafetensorsFile::check_finite() const {
@@ -246,14 +270,17 @@ void SafetensorsFile::check_finite() const {
     const auto i = static_cast<std::size_t>(index);
     found[i] = first_not_finite(tensors_[i].dtype, raw(i));
   });
-  for (std::size_t i = 0; i < found.size(); ++i)
-    if (found[i])
-      throw bad(description_ + ": tensor " + tensors_[i].name + ": element " + std::to_string(*found[i]) +
-                " is not a finite number (byte " +
-                std::to_string(data_start_ + begins_[i] + *found[i] * size_of(tensors_[i].dtype)) + ")");
+  for (std::size_t i = 0; i < found.size(); ++i) require_finite(i, found[i]);
 }
 
-SafetensorsWeights::SafetensorsWeights(SafetensorsFile file) : file_(std::move(file)) {
+void SafetensorsFile::check_finite(std::string_view name) const {
+  const std::size_t i = find(name);
+  require_finite(i, first_not_finite(tensors_[i].dtype, raw(i)));
+}
+
+SafetensorsWeights::SafetensorsWeights(SafetensorsFile file)
+    : file_(std::move(file)), checked_(file_.tensors().size()) {
+  for (std::size_t i = 0; i < file_.tensors().size(); ++i) places_.emplace(file_.tensors()[i].name, i);
   if (const auto it = file_.metadata().find(kCalibrationKey); it != file_.metadata().end())
     calibration_ = std::make_shared<const Calibration>(parse_calibration(it->second, file_.description()));
 }
@@ -261,6 +288,14 @@ SafetensorsWeights::SafetensorsWeights(SafetensorsFile file) : file_(std::move(f
 std::optional<Tensor> SafetensorsWeights::find(std::string_view name, const Shape& /*wanted*/) const {
   if (!file_.contains(name)) return std::nullopt;
   return file_.tensor(name);
+}
+
+void SafetensorsWeights::check(std::string_view name, const Tensor& /*tensor*/) const {
+  const auto place = places_.find(name);
+  if (place == places_.end() || checked_[place->second].load(std::memory_order_relaxed)) return;
+  file_.verify_crc(name);
+  file_.check_finite(name);
+  checked_[place->second].store(true, std::memory_order_relaxed);
 }
 
 }  // namespace slide

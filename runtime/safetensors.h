@@ -1,5 +1,6 @@
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <map>
@@ -83,9 +84,13 @@ class SafetensorsFile {
   /// Reads all data and compares the checksums, if the file has them; throws Error(kBadWeights) naming the
   /// first tensor whose data does not match and its byte offset. Returns the number of tensors compared.
   std::size_t verify_crc() const;
+  /// The same for one tensor.
+  void verify_crc(std::string_view name) const;
   /// Reads all floating-point tensors; throws Error(kBadWeights) naming the first tensor that holds a NaN or
   /// an infinity, and the byte offset of the first such element.
   void check_finite() const;
+  /// The same for one tensor.
+  void check_finite(std::string_view name) const;
 
  private:
   SafetensorsFile() = default;
@@ -93,6 +98,8 @@ class SafetensorsFile {
   [[nodiscard]] std::span<const std::byte> raw(std::size_t i) const;
   void release(std::span<const std::byte> bytes) const;
   void check_checksum_keys() const;
+  void require_checksum(std::size_t i, std::uint32_t crc) const;
+  void require_finite(std::size_t i, std::optional<std::size_t> found) const;
 
   std::string description_;
   std::span<const std::byte> data_;
@@ -105,7 +112,8 @@ class SafetensorsFile {
   std::map<std::string, std::size_t, std::less<>> index_;
 };
 
-/// The tensors of a safetensors file as a graph's weights.
+/// The tensors of a safetensors file as a graph's weights. A tensor's checksum and values are checked when it
+/// is first used, not again for the executors that follow.
 class SafetensorsWeights : public WeightSource {
  public:
   /// Throws Error(kBadWeights) if the metadata holds a calibration that is not what parse_calibration()
@@ -115,6 +123,7 @@ class SafetensorsWeights : public WeightSource {
   [[nodiscard]] const SafetensorsFile& file() const noexcept { return file_; }
   [[nodiscard]] std::string description() const override { return file_.description(); }
   [[nodiscard]] std::optional<Tensor> find(std::string_view name, const Shape& wanted) const override;
+  void check(std::string_view name, const Tensor& tensor) const override;
   void release(std::string_view name) const override { file_.release(name); }
   void release() const override { file_.release(); }
   [[nodiscard]] std::vector<std::string> names() const override { return file_.names(); }
@@ -122,6 +131,8 @@ class SafetensorsWeights : public WeightSource {
 
  private:
   SafetensorsFile file_;
+  std::map<std::string_view, std::size_t> places_;
+  mutable std::vector<std::atomic<bool>> checked_;
   std::shared_ptr<const Calibration> calibration_;
 };
 

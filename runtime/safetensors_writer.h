@@ -31,6 +31,9 @@ class SafetensorsWriter {
   /// Completes the file. Throws Error(kInternal) if a tensor is not complete.
   void finish();
 
+  /// The name that the file has until finish(). Once its last tensor is complete it can be read there.
+  [[nodiscard]] const std::string& temporary_path() const noexcept { return file_.temporary_path(); }
+
  private:
   void skip_complete();
 

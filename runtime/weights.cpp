@@ -4,6 +4,7 @@
 #include <set>
 
 #include "runtime/error.h"
+#include "runtime/safetensors.h"
 
 namespace slide {
 namespace {
@@ -22,6 +23,12 @@ void append_list(std::string& out, std::string_view title, const std::vector<std
 }
 
 }  // namespace
+
+void WeightSource::check(std::string_view name, const Tensor& tensor) const {
+  if (const auto element = first_not_finite(tensor.dtype(), tensor.raw()))
+    throw Error(ErrorKind::kBadWeights, description() + ": tensor " + std::string(name) + ": element " +
+                                            std::to_string(*element) + " is not a finite number");
+}
 
 std::optional<Tensor> WeightMap::find(std::string_view name, const Shape& /*wanted*/) const {
   const auto it = tensors_.find(name);
@@ -78,6 +85,7 @@ Tensor parameter(const Node& node, const WeightSource& weights) {
   if (!found || found->shape() != node.shape)
     throw Error(ErrorKind::kBadWeights,
                 weights.description() + ": " + node.name + " changed while it was read");
+  weights.check(node.name, *found);
   return std::move(*found);
 }
 

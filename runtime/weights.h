@@ -22,6 +22,9 @@ class WeightSource {
   /// The tensor of that name (any floating dtype), or nothing. The graph's shape is passed for sources that
   /// make tensors up; a source that has the tensor returns it as it is.
   [[nodiscard]] virtual std::optional<Tensor> find(std::string_view name, const Shape& wanted) const = 0;
+  /// Throws Error(kBadWeights) naming source and tensor if the values of a tensor that find() returned are
+  /// not those that were stored, or not all finite. May be called by several threads at once.
+  virtual void check(std::string_view name, const Tensor& tensor) const;
   /// Says that the tensor's values will not be read soon. A source that can fetch them again gives their
   /// memory back to the system; tensors that find() returned stay valid.
   virtual void release(std::string_view /*name*/) const {}
@@ -69,7 +72,7 @@ struct WeightFit {
 void require_fit(const Graph& graph, const WeightSource& weights);
 
 /// The value of a parameter node, in the source's dtype. Throws Error(kBadWeights) if the source does not
-/// have it in that shape.
+/// have it in that shape, and as WeightSource::check() does.
 [[nodiscard]] Tensor parameter(const Node& node, const WeightSource& weights);
 
 /// The values of all parameters, by node index, after require_fit().

@@ -31,6 +31,7 @@ class Checkpoint final : public WeightReader {
   }
   [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return tensors_; }
   [[nodiscard]] const Metadata& metadata() const override { return metadata_; }
+  [[nodiscard]] bool has_checksums() const override { return format_ == Format::kZip; }
   void for_each_block(std::size_t i, const Take& take) const override;
 
  private:

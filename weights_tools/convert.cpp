@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "runtime/atomic_file.h"
 #include "runtime/calibration.h"
 #include "runtime/error.h"
 #include "runtime/safetensors_header.h"
@@ -60,14 +61,24 @@ Metadata metadata_for(const WeightReader& reader, const ConvertReport& report, b
   return metadata;
 }
 
-/// Converts one tensor block by block. Returns true if all its values are finite.
-bool copy_tensor(const WeightReader& reader, std::size_t i, DType dtype, SafetensorsWriter& writer) {
+Error not_finite(const WeightReader& reader, const TensorInfo& info, std::size_t element) {
+  return Error(ErrorKind::kBadWeights,
+               reader.path() + ": tensor " + info.name + ": element " + std::to_string(element) +
+                   " is not a finite number",
+               "the network was saved after its training had diverged, or the file is damaged");
+}
+
+/// Converts one tensor block by block. Returns true if all its values are finite, which they must be.
+bool copy_tensor(const WeightReader& reader, std::size_t i, DType dtype, bool must_be_finite,
+                 SafetensorsWriter& writer) {
   const TensorInfo& info = reader.tensors()[i];
   bool finite = true;
+  std::size_t before = 0;
   reader.for_each_block(i, [&](std::span<const std::byte> block) {
     const auto count = static_cast<std::int64_t>(block.size() / size_of(info.dtype));
     const Tensor converted = Tensor::read_only(info.dtype, {count}, block.data(), nullptr).to(dtype);
-    if (first_not_finite(info.dtype, block)) {
+    if (const auto element = first_not_finite(info.dtype, block)) {
+      if (must_be_finite) throw not_finite(reader, info, before + *element);
       finite = false;
     } else if (dtype != info.dtype && first_not_finite(dtype, converted.raw())) {
       throw Error(ErrorKind::kBadWeights,
@@ -76,8 +87,26 @@ bool copy_tensor(const WeightReader& reader, std::size_t i, DType dtype, Safeten
                   "choose another --dtype");
     }
     writer.write(converted.raw());
+    before += static_cast<std::size_t>(count);
   });
   return finite;
+}
+
+/// A complete but unnamed file again, under the same name to be, with the calibration in its metadata.
+std::size_t write_calibrated(const std::string& unnamed, const std::string& output, const std::string& model,
+                             const ConvertOptions& options) {
+  const SafetensorsWeights weights(unnamed);
+  const Calibration calibration = options.calibrate(model, weights);
+  Metadata metadata = weights.file().metadata();
+  std::erase_if(metadata, [](const auto& entry) { return entry.first.starts_with("crc32c"); });
+  metadata.insert_or_assign(std::string(kCalibrationKey), text_of(calibration));
+  SafetensorsWriter writer(output, weights.file().tensors(), metadata);
+  for (const TensorInfo& info : weights.file().tensors()) {
+    writer.write(weights.file().tensor(info.name).raw());
+    weights.release(info.name);
+  }
+  writer.finish();
+  return calibration.layers.size();
 }
 
 }  // namespace
@@ -96,6 +125,8 @@ std::optional<std::string> hash_in_name(const std::string& path) {
 ConvertReport convert(const WeightReader& reader, const std::string& output, const ConvertOptions& options) {
   if (options.dtype != DType::kF32 && options.dtype != DType::kF16 && options.dtype != DType::kBF16)
     throw Error(ErrorKind::kUsage, "weights are written as F32, F16 or BF16");
+  if (same_file(reader.path(), output))
+    throw Error(ErrorKind::kUsage, output + ": this is the file that is read", "choose another --output");
   ConvertReport report;
   report.model = checked_model(reader, options.model, report.warnings);
   report.sha256 = sha256_of(FileReader(reader.path()));
@@ -110,12 +141,15 @@ ConvertReport convert(const WeightReader& reader, const std::string& output, con
     report.bytes += info.bytes();
   }
   report.tensors = list.size();
-  SafetensorsWriter writer(output, list, metadata_for(reader, report, options.keep_calibration));
+  SafetensorsWriter writer(output, list, metadata_for(reader, report, !options.calibrate));
   for (std::size_t i = 0; i < list.size(); ++i)
-    if (!copy_tensor(reader, i, list[i].dtype, writer))
+    if (!copy_tensor(reader, i, list[i].dtype, report.model != "any", writer))
       report.warnings.push_back(reader.path() + ": tensor " + list[i].name +
                                 " holds values that are not finite");
-  writer.finish();
+  if (options.calibrate)
+    report.calibrated = write_calibrated(writer.temporary_path(), output, report.model, options);
+  else
+    writer.finish();
   return report;
 }
 
@@ -146,22 +180,18 @@ std::string listing(const WeightReader& reader) {
 }
 
 std::string verify(const WeightReader& reader) {
-  std::size_t checksums = 0;
-  if (reader.format() == "safetensors") checksums = SafetensorsFile::open(reader.path()).verify_crc();
   for (std::size_t i = 0; i < reader.tensors().size(); ++i) {
     const TensorInfo& info = reader.tensors()[i];
     std::size_t before = 0;
     reader.for_each_block(i, [&](std::span<const std::byte> block) {
       if (const auto element = first_not_finite(info.dtype, block))
-        throw Error(ErrorKind::kBadWeights, reader.path() + ": tensor " + info.name + ": element " +
-                                                std::to_string(before + *element) +
-                                                " is not a finite number");
+        throw not_finite(reader, info, before + *element);
       before += block.size() / size_of(info.dtype);
     });
   }
-  const std::string checked = checksums > 0                      ? "all checksums match"
+  const std::string checked = !reader.has_checksums()            ? "it has no checksums"
                               : reader.format() == "PyTorch zip" ? "the archive's checksums match"
-                                                                 : "it has no checksums";
+                                                                 : "all checksums match";
   return reader.path() + ": " + std::to_string(reader.tensors().size()) + " tensors, " + checked +
          ", all values are finite";
 }

@@ -1,11 +1,14 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "runtime/calibration.h"
 #include "runtime/dtype.h"
+#include "runtime/weights.h"
 #include "weights_tools/weight_reader.h"
 
 namespace slide {
@@ -16,7 +19,9 @@ struct ConvertOptions {
   std::string model;
   DType dtype =
       DType::kF32;  ///< of floating-point tensors in the result: kF32, kF16 or kBF16; others stay as they are
-  bool keep_calibration = true;  ///< of a safetensors source
+  /// Calibrates the converted weights for the model named; the result is stored. Empty: a safetensors
+  /// source's own calibration is kept.
+  std::function<Calibration(const std::string& model, const WeightSource& weights)> calibrate = {};
 };
 
 struct ConvertReport {
@@ -24,14 +29,17 @@ struct ConvertReport {
   std::size_t tensors = 0;
   std::uint64_t bytes = 0;            ///< of their data
   std::string sha256;                 ///< of the source file
+  std::size_t calibrated = 0;         ///< layers
   std::vector<std::string> warnings;  ///< one sentence each
 };
 
 /// Writes the tensors of `reader` to a safetensors file, with the metadata `model`, `source_file` (the name
 /// without folders) and `source_sha256`; a safetensors source's own metadata is kept. In memory there is one
-/// storage of the source at a time, and a block of the result. Throws Error(kBadWeights) if the tensors fit
-/// no model, listing what is missing or unexpected, or hold a value that the dtype cannot; Error(kUsage) for
-/// an unknown model and if the file cannot be written.
+/// storage of the source at a time, and a block of the result. The file appears when it is complete, its
+/// calibration included; until then an older one of that name stays as it was. Throws Error(kBadWeights) if
+/// the tensors fit no model, listing what is missing or unexpected, do not match their checksums, hold a
+/// value that the dtype cannot, or one that is not finite (of "any" model only a warning); Error(kUsage) for
+/// an unknown model, if the output is the file that is read, and if it cannot be written.
 ConvertReport convert(const WeightReader& reader, const std::string& output, const ConvertOptions& options);
 
 /// How the tensors fit the models of the catalogue.

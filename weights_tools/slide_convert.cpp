@@ -1,5 +1,8 @@
 // slide_convert: PyTorch checkpoints and safetensors files to safetensors files, and a look into both.
+#include <unistd.h>
+
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
 #include <exception>
 #include <map>
@@ -14,7 +17,6 @@
 #include "render/photo_layers.h"
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
-#include "runtime/safetensors_writer.h"
 #include "weights_tools/convert.h"
 
 namespace {
@@ -30,21 +32,17 @@ struct Arguments {
   std::vector<std::string> photos;
 };
 
-/// The file at `path` again, with the calibration by these photos in its metadata.
-void write_calibrated(const std::string& path, const std::string& model,
-                      const std::vector<slide::Tensor>& photos) {
-  using namespace slide;
-  const SafetensorsWeights weights(path);
-  const Calibration calibration = graphs::calibrate(model, weights, photos);
-  Metadata metadata = weights.file().metadata();
-  std::erase_if(metadata, [](const auto& entry) { return entry.first.starts_with("crc32c"); });
-  metadata.insert_or_assign(std::string(kCalibrationKey), text_of(calibration));
-  std::vector<std::pair<std::string, Tensor>> tensors;
-  for (const std::string& name : weights.file().names())
-    tensors.emplace_back(name, weights.file().tensor(name));
-  write_safetensors(path, tensors, metadata);
-  std::printf("%s: %zu layers calibrated with %zu photos\n", path.c_str(), calibration.layers.size(),
-              photos.size());
+/// Says on standard error how far calibration is: a line that is rewritten on a terminal, else one for every
+/// tenth.
+bool show_progress(const slide::Progress& progress) {
+  const bool terminal = ::isatty(STDERR_FILENO) != 0;
+  const int tenth = 10 * progress.done / std::max(1, progress.total);
+  const bool fresh = progress.done == 0 || tenth != 10 * (progress.done - 1) / std::max(1, progress.total);
+  const bool last = progress.done + 1 == progress.total;
+  if (terminal || fresh)
+    std::fprintf(stderr, "%sslide_convert: calibrating, run %d of %d%s", terminal ? "\r" : "",
+                 progress.done + 1, progress.total, terminal && !last ? "" : "\n");
+  return true;
 }
 
 void run(const Arguments& arguments) {
@@ -60,16 +58,20 @@ void run(const Arguments& arguments) {
     photos.push_back(tensor_from_image(read_photo(photo).colour));
   const std::map<std::string, DType> types = {
       {"f32", DType::kF32}, {"f16", DType::kF16}, {"bf16", DType::kBF16}};
-  const ConvertReport report = convert(
-      *reader, arguments.output,
-      {.model = arguments.model, .dtype = types.at(arguments.dtype), .keep_calibration = photos.empty()});
+  ConvertOptions options{.model = arguments.model, .dtype = types.at(arguments.dtype), .calibrate = {}};
+  if (!photos.empty())
+    options.calibrate = [&](const std::string& model, const WeightSource& weights) {
+      return graphs::calibrate(model, weights, photos, 0, show_progress);
+    };
+  const ConvertReport report = convert(*reader, arguments.output, options);
   for (const std::string& warning : report.warnings)
     std::fprintf(stderr, "slide_convert: warning: %s\n", warning.c_str());
   std::printf("%s: %s, %zu tensors, %llu bytes of data\n", arguments.output.c_str(),
               report.model == "any" ? "any model" : report.model.c_str(), report.tensors,
               static_cast<unsigned long long>(report.bytes));
-  if (photos.empty()) return;
-  write_calibrated(arguments.output, report.model, photos);
+  if (!photos.empty())
+    std::printf("%s: %zu layers calibrated with %zu photos\n", arguments.output.c_str(), report.calibrated,
+                photos.size());
 }
 
 std::string model_names() {

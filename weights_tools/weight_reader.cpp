@@ -15,8 +15,10 @@ class SafetensorsReader : public WeightReader {
   [[nodiscard]] std::string format() const override { return "safetensors"; }
   [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return file_.tensors(); }
   [[nodiscard]] const Metadata& metadata() const override { return file_.metadata(); }
+  [[nodiscard]] bool has_checksums() const override { return file_.has_checksums(); }
   void for_each_block(std::size_t i, const Take& take) const override {
     constexpr std::size_t kBlock = std::size_t{1} << 20;
+    file_.verify_crc(tensors()[i].name);
     const Tensor tensor = file_.tensor(tensors()[i].name);
     std::span<const std::byte> rest = tensor.raw();
     while (!rest.empty()) {

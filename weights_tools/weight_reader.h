@@ -29,7 +29,10 @@ class WeightReader {
   /// once.
   [[nodiscard]] virtual const std::vector<TensorInfo>& tensors() const = 0;
   [[nodiscard]] virtual const Metadata& metadata() const = 0;
-  /// Hands out the bytes of tensor i in row-major order, in blocks of whole elements of at most 1 MB.
+  /// Whether the file has checksums of its tensors' values.
+  [[nodiscard]] virtual bool has_checksums() const = 0;
+  /// Hands out the bytes of tensor i in row-major order, in blocks of whole elements of at most 1 MB. Throws
+  /// Error(kBadWeights) if the file has a checksum of them that they do not match.
   virtual void for_each_block(std::size_t i, const Take& take) const = 0;
 };
 

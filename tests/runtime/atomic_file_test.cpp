@@ -89,6 +89,18 @@ TEST_CASE("an atomic file refuses what is no file, and says why") {
   CHECK(folder.entries() == 0);
 }
 
+TEST_CASE("two paths are one file whatever their spelling and the links between") {
+  const TemporaryFolder folder;
+  write_bytes(folder.file("a"), {});
+  write_bytes(folder.file("b"), {});
+  std::filesystem::create_symlink(folder.file("a"), folder.file("symbolic"));
+  std::filesystem::create_hard_link(folder.file("a"), folder.file("hard"));
+  for (const std::string name : {"a", "./a", "symbolic", "hard"})
+    CHECK(same_file(folder.file("a"), folder.file(name)));
+  CHECK_FALSE(same_file(folder.file("a"), folder.file("b")));
+  CHECK_FALSE(same_file(folder.file("none"), folder.file("none")));
+}
+
 TEST_CASE("unfinished files are removed at once when asked, finished ones are not") {
   const TemporaryFolder folder;
   AtomicFile done(folder.file("done"));

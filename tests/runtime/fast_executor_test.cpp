@@ -2,9 +2,15 @@
 
 #include <doctest/doctest.h>
 
+#include <cmath>
+#include <filesystem>
+
 #include "runtime/error.h"
 #include "runtime/reference_executor.h"
+#include "runtime/safetensors.h"
+#include "runtime/safetensors_writer.h"
 #include "tests/runtime/sum_op.h"
+#include "tests/temporary_folder.h"
 
 using namespace slide;
 using slide::test::sum;
@@ -54,6 +60,40 @@ TEST_CASE("fast and reference executors agree, and a second run gives the same")
     CHECK(max_abs_difference(fast.tensor("y"), reference.tensor("y")) < 1e-6);
   }
   CHECK_THROWS_AS((void)fast.tensor("doubled"), Error);
+}
+
+TEST_CASE("weights that are damaged or not finite are refused by name when they are loaded") {
+  Graph g;
+  build(g, 1);
+  const auto message_of = [&](const WeightSource& source) -> std::string {
+    try {
+      const FastExecutor fast(g, source);
+    } catch (const Error& e) {
+      CHECK(e.kind() == ErrorKind::kBadWeights);
+      return e.what();
+    }
+    return "no error";
+  };
+  const TemporaryFolder folder;
+  for (const float last : {0.1F, INFINITY, -INFINITY, NAN}) {
+    const float w[] = {1, 2, 3, last};
+    WeightMap map("here");
+    map.set("w", Tensor::from<float>({4}, w));
+    write_safetensors(folder.file("w"), {{"w", *map.find("w", {})}});
+    if (std::isfinite(last)) {
+      CHECK(message_of(map) == "no error");
+      CHECK(message_of(SafetensorsWeights(folder.file("w"))) == "no error");
+    } else {
+      CHECK(message_of(map) == "here: tensor w: element 3 is not a finite number");
+      CHECK(message_of(SafetensorsWeights(folder.file("w"))).find("w: tensor w: element 3 is not a finite") !=
+            std::string::npos);
+      CHECK_THROWS_AS(ReferenceExecutor(g, map), Error);
+    }
+  }
+  write_safetensors(folder.file("w"), {{"w", *weights().find("w", {})}});
+  flip_bit(folder.file("w"), 8 * std::filesystem::file_size(folder.file("w")) - 9);
+  CHECK(message_of(SafetensorsWeights(folder.file("w")))
+            .find("tensor w: its data does not match its checksum") != std::string::npos);
 }
 
 TEST_CASE("keep_all hands out every tensor") {

@@ -2,7 +2,9 @@
 
 #include <doctest/doctest.h>
 
+#include <filesystem>
 #include <limits>
+#include <new>
 #include <string>
 #include <vector>
 
@@ -10,6 +12,7 @@
 #include "runtime/error.h"
 #include "runtime/safetensors_writer.h"
 #include "tests/temporary_folder.h"
+#include "tests/weights_tools/builders.h"
 
 using namespace slide;
 
@@ -26,6 +29,7 @@ class List : public WeightReader {
   [[nodiscard]] std::string format() const override { return "list"; }
   [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return list; }
   [[nodiscard]] const Metadata& metadata() const override { return said; }
+  [[nodiscard]] bool has_checksums() const override { return false; }
   void for_each_block(std::size_t /*i*/, const Take& /*take*/) const override {
     FAIL("no values are needed");
   }
@@ -169,10 +173,74 @@ TEST_CASE("a calibration is kept, or dropped before another one, be it broken") 
   const std::unique_ptr<WeightReader> reader = open_weights(folder.file("source"));
   convert(*reader, folder.file("kept"), {.model = "any"});
   CHECK(SafetensorsFile::open(folder.file("kept")).metadata().at("calibration") == "broken");
-  convert(*reader, folder.file("dropped"), {.model = "any", .keep_calibration = false});
-  const SafetensorsFile dropped = SafetensorsFile::open(folder.file("dropped"));
-  CHECK(!dropped.metadata().contains("calibration"));
-  CHECK(dropped.metadata().at("licence") == "CC0");
+  const auto calibrate = [&](const std::string& model, const WeightSource& weights) {
+    CHECK(model == "any");
+    CHECK(weights.calibration() == nullptr);
+    CHECK(weights.names() == std::vector<std::string>{"w"});
+    CHECK(!std::filesystem::exists(folder.file("calibrated")));
+    Calibration calibration;
+    calibration.layers["layer"] = {{-1, 2}, 0.5};
+    return calibration;
+  };
+  CHECK(convert(*reader, folder.file("calibrated"), {.model = "any", .calibrate = calibrate}).calibrated ==
+        1);
+  const SafetensorsWeights calibrated(folder.file("calibrated"));
+  REQUIRE(calibrated.calibration() != nullptr);
+  CHECK(calibrated.calibration()->layers.at("layer").range.high == 2);
+  CHECK(calibrated.file().metadata().at("licence") == "CC0");
+  CHECK(calibrated.file().verify_crc() == 1);
+  CHECK(folder.entries() == 3);
+}
+
+TEST_CASE("a calibration that fails leaves the older file as it was and nothing else") {
+  const TemporaryFolder folder;
+  write_safetensors(folder.file("source"), {{"w", Tensor::zeros(DType::kF32, {1})}});
+  write_text(folder.file("w"), "older");
+  const auto fails = [](const std::string&, const WeightSource&) -> Calibration { throw std::bad_alloc(); };
+  CHECK_THROWS_AS(
+      convert(*open_weights(folder.file("source")), folder.file("w"), {.model = "any", .calibrate = fails}),
+      std::bad_alloc);
+  CHECK(bytes_of_file(folder.file("w")).size() == 5);
+  CHECK(folder.entries() == 2);
+}
+
+TEST_CASE("a flipped bit is not given a new checksum") {
+  const TemporaryFolder folder;
+  write_safetensors(folder.file("w"),
+                    {{"a", Tensor::zeros(DType::kF32, {2})}, {"b", Tensor::zeros(DType::kF32, {4})}});
+  flip_bit(folder.file("w"), 8 * bytes_of_file(folder.file("w")).size() - 1);
+  CHECK(message_of([&] {
+          convert(*open_weights(folder.file("w")), folder.file("x"), {.model = "any"});
+        }).find("tensor b: its data does not match its checksum") != std::string::npos);
+  CHECK(folder.entries() == 1);
+}
+
+TEST_CASE("the file that is read is never the one written, however it is called") {
+  const TemporaryFolder folder;
+  const std::vector<std::byte> bytes = bytes_of_file(kFolder + "tiny_zip.pt");
+  write_bytes(folder.file("n.pt"), bytes);
+  std::filesystem::create_symlink(folder.file("n.pt"), folder.file("symbolic"));
+  std::filesystem::create_hard_link(folder.file("n.pt"), folder.file("hard"));
+  const auto reader = open_weights(folder.file("n.pt"));
+  for (const std::string name : {"n.pt", "symbolic", "hard", "./n.pt"})
+    CHECK(message_of([&] {
+            convert(*reader, folder.file(name), {.model = "any"});
+          }).find("this is the file that is read") != std::string::npos);
+  CHECK(bytes_of_file(folder.file("n.pt")) == bytes);
+  CHECK(folder.entries() == 3);
+}
+
+TEST_CASE("a network with a value that is not finite is not converted") {
+  const TemporaryFolder folder;
+  std::vector<std::pair<std::string, Tensor>> tensors;
+  for (const TensorInfo& info : parameters_of("u2netp"))
+    tensors.emplace_back(info.name, Tensor::zeros(DType::kF32, info.shape));
+  tensors[4].second.mutable_data<float>()[3] = std::numeric_limits<float>::infinity();
+  write_safetensors(folder.file("source"), tensors);
+  CHECK(message_of([&] {
+          convert(*open_weights(folder.file("source")), folder.file("w"), {.model = "u2netp"});
+        }).find("tensor " + tensors[4].first + ": element 3 is not a finite number") != std::string::npos);
+  CHECK(folder.entries() == 1);
 }
 
 TEST_CASE("a value that the dtype cannot hold is an error, one that was never finite a warning") {
