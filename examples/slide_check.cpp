@@ -15,6 +15,8 @@
 #include "graphs/golden_check.h"
 #include "graphs/photo_inputs.h"
 #include "ops/check_report.h"
+#include "ops/judge.h"
+#include "ops/npy.h"
 #include "render/image_file.h"
 #include "render/photo_layers.h"
 #include "runtime/cpu.h"
@@ -37,6 +39,8 @@ struct Arguments {
   bool fused = false;
   std::string precision;
   std::optional<double> error_budget;
+  std::string actual, unit = "fp32";
+  std::optional<double> factor;
   std::int64_t size = 0;
   int rows = 0;
 };
@@ -54,6 +58,25 @@ int check_operators(const Arguments& a) {
   const std::vector<ops::CheckedFile> files = ops::check_files(a.cases, active_isa());
   std::cout << (a.json ? ops::json_of(files) : ops::table_of(files));
   return ops::exit_code(files);
+}
+
+Tensor read_actual(const Arguments& a) {
+  const std::string& path = a.actual.empty() ? a.cases.front() : a.actual;
+  if (path.ends_with(".npy")) return ops::read_npy(path);
+  const std::optional<Tensor> tensor = ops::tensor_in(path, "actual");
+  if (!tensor)
+    throw Error(ErrorKind::kBadInput, path + ": there is no tensor \"actual\"",
+                "give the result to judge with --actual");
+  return *tensor;
+}
+
+int judge_result(const Arguments& a) {
+  const std::optional<ops::Unit> unit = ops::unit_from_name(a.unit);
+  if (!unit) throw Error(ErrorKind::kUsage, "there is no unit named " + a.unit);
+  const ops::OperatorCase operator_case = ops::read_case(a.cases.front());
+  const ops::Judgement judgement = ops::judge(operator_case, read_actual(a), *unit, a.factor);
+  std::cout << operator_case.op << " in " << a.unit << ": " << ops::text_of(judgement);
+  return judgement.passed() ? 0 : 1;
 }
 
 /// What --fused, --precision and --error-budget ask for.
@@ -125,6 +148,16 @@ int run(CLI::App& app, int argc, char** argv) {
   Arguments a;
   CLI::App* op = app.add_subcommand("op", "check operators and their kernels on case files");
   op->add_option("CASE", a.cases, "case files (.safetensors), or folders of them")->required();
+  CLI::App* judge = app.add_subcommand("judge", "judge somebody else's result of a case, element by element");
+  judge->add_option("CASE", a.cases, "case file (.safetensors)")->required()->expected(1);
+  judge->add_option("--actual", a.actual,
+                    "the result: .npy, or safetensors with one tensor or one named actual; default: the "
+                    "tensor actual in CASE");
+  judge->add_option("--unit", a.unit, "what it was multiplied in: fp32, tf32, bf16, fp16, int8")
+      ->check(CLI::IsMember({"fp32", "tf32", "bf16", "fp16", "int8"}))
+      ->capture_default_str();
+  judge->add_option("--factor", a.factor, "errors up to this times unit roundoff times the operator's scale")
+      ->check(CLI::Range(1e-3, 1e9));
   CLI::App* net = app.add_subcommand("net", "check a network on a golden run");
   add_model(*net, a);
   net->add_option("--golden", a.golden, "golden file (safetensors)")->required();
@@ -147,6 +180,7 @@ int run(CLI::App& app, int argc, char** argv) {
   }
   set_thread_count(a.threads);
   if (op->parsed()) return check_operators(a);
+  if (judge->parsed()) return judge_result(a);
   return net->parsed() ? check_network(a) : compare_network(a);
 }
 

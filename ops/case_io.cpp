@@ -11,6 +11,7 @@ namespace slide::ops {
 namespace {
 
 constexpr const char* kExpected = "expected";
+constexpr const char* kActual = "actual";
 
 std::string metadata_or(const SafetensorsFile& file, std::string_view key, const std::string& otherwise) {
   const auto it = file.metadata().find(key);
@@ -40,7 +41,7 @@ OperatorCase read_case(const std::string& path) {
   for (const TensorInfo& info : file.tensors()) {
     if (info.name == kExpected)
       result.expected = file.tensor(info.name);
-    else
+    else if (info.name != kActual)
       result.inputs.emplace_back(info.name, file.tensor(info.name));
   }
   if (!file.contains(kExpected))
@@ -50,6 +51,13 @@ OperatorCase read_case(const std::string& path) {
     throw Error(ErrorKind::kBadInput, path + ": the tensor \"expected\" is " + std::string(name_of(type)) +
                                           ", F64 or F32 is needed");
   return result;
+}
+
+std::optional<Tensor> tensor_in(const std::string& path, std::string_view name) {
+  const SafetensorsFile file = open_input(path);
+  if (file.contains(name)) return file.tensor(name);
+  if (file.tensors().size() == 1) return file.tensor(file.tensors()[0].name);
+  return std::nullopt;
 }
 
 void write_case(const std::string& path, const OperatorCase& operator_case) {

@@ -1,6 +1,8 @@
 #pragma once
 
+#include <optional>
 #include <string>
+#include <string_view>
 #include <utility>
 #include <vector>
 
@@ -10,7 +12,8 @@ namespace slide::ops {
 
 /// One call of one operator with the result it should give, as it lies in a safetensors file: the inputs by
 /// the operator's input names and the tensor "expected"; metadata "op", "attributes" (a JSON object) and
-/// "source" (where the numbers come from). The table of operators is in docs/operators.md.
+/// "source" (where the numbers come from). A tensor "actual", somebody's result, is no input. The table of
+/// operators is in docs/operators.md.
 struct OperatorCase {
   std::string op;
   std::string attributes = "{}";
@@ -22,6 +25,10 @@ struct OperatorCase {
 /// Reads a case; the tensors are views of the mapped file. Throws Error(kBadInput) naming the file if it is
 /// not a sound safetensors file, has no metadata "op", no tensor "expected", or one that is not F64 or F32.
 [[nodiscard]] OperatorCase read_case(const std::string& path);
+
+/// The tensor of that name in a safetensors file, or the only one that it holds; nothing if there are
+/// several others. Throws Error(kBadInput) naming the file if it is not a sound safetensors file.
+[[nodiscard]] std::optional<Tensor> tensor_in(const std::string& path, std::string_view name);
 
 /// Writes a case so that read_case() gives the same back. Throws Error(kBadInput) if the file cannot be
 /// written.

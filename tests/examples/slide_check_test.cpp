@@ -59,6 +59,24 @@ TEST_CASE("slide_check op ends with 1 if a case fails, and still checks the othe
   CHECK(json["cases"][2]["passed"] == true);
 }
 
+TEST_CASE("slide_check judge takes a result from its own file or the case, and says where it is wrong") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("c.safetensors");
+  write_relu_case(path, 2);
+  CHECK(slide_check({"judge", path}).code == 3);
+  const float right[] = {0, 2};
+  const float wrong[] = {-1, 2};
+  write_safetensors(folder.file("right"), {{"y", Tensor::from<float>({2}, std::span<const float>(right))}});
+  write_safetensors(folder.file("wrong"), {{"y", Tensor::from<float>({2}, std::span<const float>(wrong))}});
+  CHECK(slide_check({"judge", path, "--actual", folder.file("right")}).code == 0);
+  const ProgramResult result = slide_check({"judge", path, "--actual", folder.file("wrong")});
+  CHECK(result.code == 1);
+  CHECK(contains(result.output, "1 of 2 elements over their bound"));
+  CHECK(contains(result.output, "[0] is -1, should be 0"));
+  CHECK(slide_check({"judge", path, "--actual", folder.file("right"), "--unit", "fp8"}).code == 2);
+  CHECK(slide_check({"judge", path, "--actual", folder.file("none.npy")}).code == 3);
+}
+
 TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
   const TemporaryFolder folder;
   const std::string junk = folder.file("junk.safetensors");
