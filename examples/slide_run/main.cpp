@@ -46,6 +46,59 @@ std::vector<std::string> find_photos(const std::vector<std::string>& inputs) {
   return photos;
 }
 
+/// Whether two names are one file: the same file through links and hard links, or names that differ in case
+/// only, which some file systems take for one.
+bool same_file(const fs::path& a, const fs::path& b) {
+  std::error_code ignored;
+  if (fs::equivalent(a, b, ignored)) return true;
+  const auto folded = [](const fs::path& path) {
+    std::error_code failed;
+    std::string text = fs::weakly_canonical(fs::absolute(path), failed).string();
+    if (failed) text = path.lexically_normal().string();
+    std::transform(text.begin(), text.end(), text.begin(), [](unsigned char c) { return std::tolower(c); });
+    return text;
+  };
+  return folded(a) == folded(b);
+}
+
+[[noreturn]] void refuse_output(const std::string& output, const std::string& input) {
+  throw Error(ErrorKind::kUsage, "the output " + output + " would replace the input " + input,
+              "give the output another name");
+}
+
+[[noreturn]] void refuse_folder(const std::string& folder, const std::string& input) {
+  throw Error(ErrorKind::kUsage,
+              "files in the folder " + folder + " might be replaced: the input " + input + " lies there",
+              "name another folder");
+}
+
+/// Refuses outputs that would replace what is read, and two photos that would give one output.
+void check_outputs(const Options& o, const std::vector<std::string>& photos) {
+  std::vector<std::string> read = photos;
+  for (const std::string* file : {&o.depth, &o.matte, &o.path, &o.depth_weights, &o.inpaint_weights,
+                                  &o.saliency_weights, &o.matting_weights})
+    if (std::error_code ignored; !file->empty() && fs::exists(*file, ignored)) read.push_back(*file);
+  std::vector<std::string> folders, written;
+  for (const std::string& folder : {o.layers, o.dump_masks})
+    if (!folder.empty()) folders.push_back(folder);
+  for (const std::string& photo : photos) {
+    for (const std::string& output : output_names(photo, photos.size() > 1, o)) {
+      if (output == "-") continue;
+      if (output.ends_with('/')) folders.push_back(output);
+      for (const std::string& input : read)
+        if (same_file(output, input)) refuse_output(output, input);
+      for (const std::string& other : written)
+        if (same_file(output, other))
+          throw Error(ErrorKind::kUsage, "two outputs would be " + output,
+                      "rename one of the photos, or give the outputs different names");
+      written.push_back(output);
+    }
+  }
+  for (const std::string& folder : folders)
+    for (const std::string& input : read)
+      if (same_file(folder, fs::absolute(input).parent_path())) refuse_folder(folder, input);
+}
+
 void check_combinations(const Options& o, const std::vector<std::string>& photos) {
   if (photos.empty())
     throw Error(ErrorKind::kUsage, "no photo was given", "slide_run photo.jpg, or slide_run --help");
@@ -62,7 +115,7 @@ void check_combinations(const Options& o, const std::vector<std::string>& photos
   if (o.inpaint_model == kFillAlone && !o.inpaint_weights.empty())
     throw Error(ErrorKind::kUsage, "--inpaint-model fill has no weights, and --inpaint-weights gives some",
                 "leave one of them out");
-  for (const std::string& photo : photos) (void)output_names(photo, many, o);
+  check_outputs(o, photos);
   (void)parse_size(o.size, 640, 480);
   if (!o.max_memory.empty()) (void)parse_bytes(o.max_memory);
   (void)precision_choice(o.precision, o.error_budget);

@@ -72,6 +72,7 @@ void declare_output(CLI::App& app, Options& o) {
          "What to make, by extension; several may be given. .html .glb .gif .png (APNG) .mp4 .webm .y4m, a "
          "folder "
          "of frames, - for frames on standard output. {} stands for the photo's name. Default: PHOTO.3d.html")
+      ->allow_extra_args(false)
       ->group(group)
       ->type_name("FILE");
   app.add_option("--stereo", o.stereo,

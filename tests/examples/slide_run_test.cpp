@@ -1,6 +1,8 @@
 #include <doctest/doctest.h>
 
 #include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "render/image_file.h"
@@ -237,6 +239,37 @@ TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the 
     arguments.insert(arguments.end(), wrong.begin(), wrong.end());
     CHECK_MESSAGE(slide_run(arguments).code == 2, wrong.back());
   }
+}
+
+TEST_CASE("no output replaces an input, and each -o takes one name") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto bytes = [](const std::string& path) {
+    std::ifstream file(path, std::ios::binary);
+    return std::string(std::istreambuf_iterator<char>(file), {});
+  };
+  const std::string before = bytes(scene.photo);
+  const std::string other = folder.file("other.png"), link = folder.file("link.gif");
+  fs::copy_file(scene.photo, other);
+  fs::copy_file(scene.photo, folder.file("photo.jpg"));
+  fs::create_symlink(scene.photo, link);
+  const std::vector<std::vector<std::string>> calls = {
+      {scene.photo, "-o", scene.photo},
+      {scene.photo, "-o", link},
+      {scene.photo, "-o", folder.file("PHOTO.PNG")},
+      {scene.photo, "-o", folder.file("a.gif"), other},
+      {scene.photo, "--layers", folder.file("")},
+      {scene.photo, folder.file("photo.jpg"), "-o", folder.file("{}.gif")},
+      {scene.photo, "--depth", scene.depth, "-o", folder.file("./photo.png")}};
+  for (const std::vector<std::string>& call : calls) {
+    const ProgramResult result = slide_run(call);
+    CHECK_MESSAGE(result.code == 2, result.errors);
+  }
+  CHECK(bytes(scene.photo) == before);
+  CHECK(bytes(other) == before);
+  const ProgramResult first = slide_run({"-o", folder.file("x.html"), scene.photo, "-q"});
+  CHECK_MESSAGE(first.code == 0, first.errors);
+  CHECK(fs::exists(folder.file("x.html")));
 }
 
 TEST_CASE("stereo stills have the shape they should") {
