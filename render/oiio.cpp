@@ -1,13 +1,16 @@
 #include "render/oiio.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <string_view>
 
 #include "render/image_file.h"
 #include "runtime/error.h"
 
 #ifdef SLIDE_HAVE_OPENIMAGEIO
 #include <OpenImageIO/imageio.h>
+#include <OpenImageIO/strutil.h>
 #endif
 
 namespace slide {
@@ -38,6 +41,21 @@ Exif exif_of(const OIIO::ImageSpec& spec) {
               "JPEG, PNG and PFM are always read; others depend on OpenImageIO");
 }
 
+/// Formats that a photo or a map comes in. OpenImageIO knows more (volumes, film, raw), which are refused.
+bool is_photo_format(std::string_view name) {
+  static constexpr std::array<std::string_view, 9> kFormats = {"openexr", "tiff", "webp", "heif", "bmp",
+                                                               "gif",     "hdr",  "pnm",  "targa"};
+  return std::find(kFormats.begin(), kFormats.end(), name) != kFormats.end();
+}
+
+/// Refuses what is not one flat picture: read_image() would fill every slice of a volume.
+void require_flat_photo(const OIIO::ImageInput& input, const std::string& path) {
+  if (!is_photo_format(input.format_name()))
+    unreadable(path, std::string("its format, ") + input.format_name() + ", is not one of photos");
+  if (input.spec().depth > 1) unreadable(path, "it is a volume");
+  if (input.spec().deep) unreadable(path, "it is a deep image");
+}
+
 }  // namespace
 
 bool has_openimageio() noexcept { return true; }
@@ -47,6 +65,7 @@ Decoded read_through_openimageio(const std::string& path, bool photo) {
   wanted["oiio:UnassociatedAlpha"] = 1;
   const auto input = OIIO::ImageInput::open(path, &wanted);
   if (!input) unreadable(path, OIIO::geterror());
+  require_flat_photo(*input, path);
   const OIIO::ImageSpec& spec = input->spec();
   check_image_size(spec.width, spec.height, path);
   Decoded result;
@@ -56,7 +75,7 @@ Decoded read_through_openimageio(const std::string& path, bool photo) {
   if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT, result.image.data.data())) {
     unreadable(path, input->geterror());
   }
-  if (photo && spec.get_string_attribute("oiio:ColorSpace") == "Linear") {
+  if (photo && OIIO::Strutil::iequals(spec.get_string_attribute("oiio:ColorSpace"), "linear")) {
     const int colours = channels > 2 ? 3 : 1;
     for (std::size_t i = 0; i < result.image.data.size(); ++i) {
       float& v = result.image.data[i];

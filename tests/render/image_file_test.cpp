@@ -314,6 +314,36 @@ TEST_CASE("Damage in EXIF never fails") {
   }
 }
 
+TEST_CASE("A volume is refused, not written behind the picture's end") {
+  // A DirectDraw Surface of 4x4 pixels and 64 slices of 32-bit colour.
+  std::string dds(128, '\0');
+  const auto put = [&dds](std::size_t offset, std::uint32_t value) {
+    for (std::size_t i = 0; i < 4; ++i) dds[offset + i] = static_cast<char>(value >> (8 * i) & 0xFF);
+  };
+  dds.replace(0, 4, "DDS ");
+  put(4, 124);           // size of the header
+  put(8, 0x80100F);      // caps, height, width, pitch, pixel format, depth
+  put(12, 4);            // height
+  put(16, 4);            // width
+  put(20, 16);           // pitch
+  put(24, 64);           // depth
+  put(76, 32);           // size of the pixel format
+  put(80, 0x41);         // RGB with alpha
+  put(88, 32);           // bits
+  put(92, 0xFF0000);     // red
+  put(96, 0xFF00);       // green
+  put(100, 0xFF);        // blue
+  put(104, 0xFF000000);  // alpha
+  put(108, 0x401008);    // texture, complex, mipmap
+  put(112, 0x200000);    // a volume
+  dds.append(std::size_t{4} * 4 * 4 * 64, 'x');
+  const TemporaryFolder folder;
+  const std::string path = folder.file("volume.jpg");
+  std::ofstream(path, std::ios::binary) << dds;
+  CHECK_THROWS_AS((void)slide::read_photo(path), slide::Error);
+  CHECK_THROWS_AS((void)slide::read_map(path), slide::Error);
+}
+
 TEST_CASE("EXR is read and written in the full build, and named as missing in others") {
   const TemporaryFolder folder;
   Image map(5, 3, 1);
