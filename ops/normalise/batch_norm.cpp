@@ -45,7 +45,8 @@ void BatchNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   });
 }
 
-/// |weight| / sqrt(var + eps) · (|x| + |mean|) + |bias|: the kernels compute scale·x + shift.
+/// |weight| / sqrt(var + eps) · (|x - mean| + 2^-22·|mean|) + |bias|: the mean is rounded to float32 for the
+/// subtraction, and the rest of it goes into the shift.
 void BatchNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   const double* x = f64(inputs[0]);
   const double* weight = f64(inputs[1]);
@@ -54,8 +55,8 @@ void BatchNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& outp
   const double* var = f64(inputs[4]);
   double* s = f64(scale);
   for_channels(output.shape(), [&](std::int64_t i, std::int64_t c) {
-    s[i] = std::fabs(weight[c]) / std::sqrt(var[c] + eps_) * (std::fabs(x[i]) + std::fabs(mean[c])) +
-           std::fabs(bias[c]);
+    const double apart = std::fabs(x[i] - mean[c]) + 0x1p-22 * std::fabs(mean[c]);
+    s[i] = std::fabs(weight[c]) / std::sqrt(var[c] + eps_) * apart + std::fabs(bias[c]);
   });
 }
 

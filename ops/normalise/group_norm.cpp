@@ -12,22 +12,28 @@ struct Moments {
   double mean, variance;
 };
 
-/// Mean and biased variance of `count` numbers.
+/// Mean and biased variance of `count` numbers. What the sum loses where the mean is far larger than the
+/// deviation is found in a second pass (Chan, Golub and LeVeque 1983, "corrected two-pass algorithm").
 Moments moments(const double* x, std::int64_t count) {
   const double n = static_cast<double>(count);
   double sum = 0;
   for (std::int64_t i = 0; i < count; ++i) sum += x[i];
-  const double mean = sum / n;
+  const double about = sum / n;
+  double rest = 0;
+  for (std::int64_t i = 0; i < count; ++i) rest += x[i] - about;
+  const double mean = about + rest / n;
   double squares = 0;
   for (std::int64_t i = 0; i < count; ++i) squares += (x[i] - mean) * (x[i] - mean);
   return {mean, squares / n};
 }
 
-/// The part of an error scale that float64 statistics of n elements are given: summed in another order, mean
-/// and deviation differ by n · 2^-53 = n · 2^-29 · u, relative to the mean magnitude, which is at most |mean|
-/// plus the standard deviation. `inverse` is 1 / sqrt(var + eps).
+/// The part of an error scale that float64 statistics of n elements are given, as a multiple of u = 2^-24:
+/// the kernels' mean is off by (300 + n/2048)·2^-53 of the mean magnitude, summed in pieces of some lanes;
+/// mean and deviation by n·2^-53 of the deviation in any order of summation. The first part also holds the
+/// second order of a mean rounded to float32. `inverse` is 1 / sqrt(var + eps).
 double statistics_scale(const Moments& m, double inverse, std::int64_t n) {
-  return static_cast<double>(n) * 0x1p-29 * (std::fabs(m.mean) * inverse + 1);
+  const auto count = static_cast<double>(n);
+  return 0x1p-29 * ((300 + count / 2048) * std::fabs(m.mean) * inverse + count);
 }
 
 /// Calls f(element, channel, moments of its group) for every element.
@@ -79,7 +85,7 @@ void GroupNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   });
 }
 
-/// |weight| · (|x| + |mean|) / sqrt(var + eps) + |bias|, as for batch norm, and what the statistics add; plus
+/// |weight| · |x - mean| / sqrt(var + eps) + |bias|, as for batch norm, and what the statistics add; plus
 /// |residual|. An activation of slope at most L makes of it L·s + |y|.
 void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const {
   const double* x = f64(inputs[0]);
@@ -90,7 +96,7 @@ void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& outp
   const double slope = fusion_.activation ? activation_slope(*fusion_.activation).value_or(1.0) : 1;
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
     const double inverse = 1 / std::sqrt(m.variance + eps_);
-    const double size = (std::fabs(x[i]) + std::fabs(m.mean)) * inverse + statistics_scale(m, inverse, count);
+    const double size = std::fabs(x[i] - m.mean) * inverse + statistics_scale(m, inverse, count);
     s[i] = size * std::fabs(weight[c]) + std::fabs(bias[c]);
     if (fusion_.residual) s[i] += std::fabs(f64(inputs[3])[i]);
     if (fusion_.activation) s[i] = slope * s[i] + std::fabs(f64(output)[i]);
@@ -118,7 +124,7 @@ void WeightStandardiseOp::reference(std::span<const Tensor> inputs, Tensor& outp
   });
 }
 
-/// (|w| + |mean|) / sqrt(var + eps), and what the statistics add.
+/// |w - mean| / sqrt(var + eps), and what the statistics add.
 void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tensor& output,
                                       Tensor& scale) const {
   const std::int64_t filters = output.shape()[0];
@@ -129,7 +135,7 @@ void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tens
     const Moments m = moments(w + filter * count, count);
     const double inverse = 1 / std::sqrt(m.variance + eps_);
     for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
-      s[i] = (std::fabs(w[i]) + std::fabs(m.mean)) * inverse + statistics_scale(m, inverse, count);
+      s[i] = std::fabs(w[i] - m.mean) * inverse + statistics_scale(m, inverse, count);
   }
 }
 

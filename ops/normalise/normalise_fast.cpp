@@ -1,6 +1,8 @@
-// Statistics are computed in float64 and become one scale and one shift a channel, rounded to float32; the
-// elements then take one multiplication and one addition. Rounding the scale, the product and the sum makes
-// three roundings, relative to the error scale |scale|·(|x| + |mean|) + |bias|.
+// Statistics are computed in float64 and become a mean, a scale and a shift a channel, in float32; what the
+// mean loses by rounding goes into the shift. The elements then take one subtraction, one multiplication and
+// one addition. Rounding the difference, the scale, the product and the sum makes four roundings, relative to
+// the error scale |scale|·|x - mean| + |bias|. Where float32 does not hold the scale, or a difference could
+// overflow, the elements are computed in float64.
 
 #include <algorithm>
 #include <cmath>
@@ -37,6 +39,26 @@ std::span<const NormaliseRoutines* const> normalise_routines() {
 
 namespace {
 
+/// What is done to a run of elements, in float64.
+struct Standardised {
+  double mean, scale, shift;
+  float least = -std::numeric_limits<float>::infinity();
+
+  /// Whether float32 holds the scale with all its bits and x - mean for any x. Not so for NaN.
+  [[nodiscard]] bool fits_float() const {
+    const double size = std::fabs(scale);
+    return std::fabs(mean) < 0x1p102 && (size == 0 || (size >= 0x1p-126 && size < 0x1p127)) &&
+           std::fabs(shift) < 0x1p127;
+  }
+  void finish_wide(const float* x, const float* residual, float* y, std::int64_t count) const {
+    for (std::int64_t i = 0; i < count; ++i) {
+      double value = (static_cast<double>(x[i]) - mean) * scale + shift;
+      if (residual != nullptr) value += static_cast<double>(residual[i]);
+      y[i] = static_cast<float>(value < static_cast<double>(least) ? static_cast<double>(least) : value);
+    }
+  }
+};
+
 /// Beside its own routines those that normalisation borrows from other families.
 struct JoinedRoutines {
   Isa isa;
@@ -44,10 +66,14 @@ struct JoinedRoutines {
   const PointwiseRoutines* pointwise;
   const ReduceRoutines* reduce;
 
-  /// y = scale · x + shift.
-  void affine(const float* x, float* y, std::int64_t count, double scale, double shift) const {
-    pointwise->unary[static_cast<std::size_t>(UnaryKind::kAffine)](
-        x, y, static_cast<std::size_t>(count), static_cast<float>(scale), static_cast<float>(shift));
+  /// y = max(least, scale·(x - mean) + shift + residual); `residual` may be null.
+  void finish(const Standardised& row, const float* x, const float* residual, float* y, std::int64_t count,
+              bool non_temporal) const {
+    if (!row.fits_float()) return row.finish_wide(x, residual, y, count);
+    const auto mean = static_cast<float>(row.mean);
+    const double shift = row.shift - (row.mean - static_cast<double>(mean)) * row.scale;
+    own->finish({x, residual, mean, static_cast<float>(row.scale), static_cast<float>(shift), row.least}, y,
+                count, non_temporal);
   }
 };
 
@@ -68,7 +94,7 @@ std::span<const JoinedRoutines* const> joined_routines() {
   return pointers;
 }
 
-constexpr int kAffineRoundings = 3;
+constexpr int kAffineRoundings = 4;
 
 class BatchNormKernel : public LevelKernel<BatchNormOp, JoinedRoutines> {
  public:
@@ -89,8 +115,8 @@ class BatchNormKernel : public LevelKernel<BatchNormOp, JoinedRoutines> {
         return static_cast<double>(inputs[input].data<float>()[c]);
       };
       const double scale = value(1) / std::sqrt(value(4) + op.eps());
-      routines().affine(x + plane * view.inner, y + plane * view.inner, view.inner, scale,
-                        value(2) - value(3) * scale);
+      routines().finish({value(3), scale, value(2)}, x + plane * view.inner, nullptr, y + plane * view.inner,
+                        view.inner, false);
     });
   }
 };
@@ -146,28 +172,27 @@ class GroupNormKernel : public LevelKernel<GroupNormOp, JoinedRoutines> {
         const std::int64_t c = group % op.groups() * channels + k;
         const double scale = static_cast<double>(weight[c]) * s.inverse;
         const std::int64_t at = group * count + k * in.plane();
-        finish(op.fusion(), x + at, residual != nullptr ? residual + at : nullptr, y + at, in.plane(), scale,
-               static_cast<double>(bias[c]) - s.mean * scale, non_temporal);
+        finish(op.fusion(), x + at, residual != nullptr ? residual + at : nullptr, y + at, in.plane(),
+               {s.mean, scale, static_cast<double>(bias[c])}, non_temporal);
       }
       if (non_temporal) non_temporal_fence();
     });
   }
 
-  /// activation(scale · x + shift + residual); what no ReLU is in a second pass, a piece at a time, so that
-  /// it stays in the first-level cache.
+  /// activation(scale·(x - mean) + shift + residual); what no ReLU is in a second pass, a piece at a time, so
+  /// that it stays in the first-level cache.
   void finish(const GroupNormFusion& fusion, const float* x, const float* residual, float* y,
-              std::int64_t count, double scale, double shift, bool non_temporal) const {
+              std::int64_t count, Standardised row, bool non_temporal) const {
     constexpr std::int64_t kPiece = 2048;
     const bool relu = fusion.activation && fusion.activation->kind() == UnaryKind::kRelu;
     const bool second_pass = fusion.activation && !relu;
-    const float least = relu ? 0.0F : -std::numeric_limits<float>::infinity();
+    if (relu) row.least = 0;
     const std::int64_t step = second_pass ? kPiece : count;
     for (std::int64_t first = 0; first < count; first += step) {
       const std::int64_t piece = std::min(step, count - first);
       float* to = y + first;
-      routines().own->finish({x + first, residual != nullptr ? residual + first : nullptr,
-                              static_cast<float>(scale), static_cast<float>(shift), least},
-                             to, piece, non_temporal && !second_pass);
+      routines().finish(row, x + first, residual != nullptr ? residual + first : nullptr, to, piece,
+                        non_temporal && !second_pass);
       if (second_pass)
         unary_row(*fusion.activation, *routines().pointwise)(to, to, static_cast<std::size_t>(piece));
     }
@@ -191,7 +216,8 @@ class WeightStandardiseKernel : public LevelKernel<WeightStandardiseOp, JoinedRo
     float* y = f32(output);
     for_ranges(filters, 1, [&](std::int64_t filter, std::int64_t) {
       const Statistics s = statistics(*routines().reduce, x + filter * count, count, op.eps());
-      routines().affine(x + filter * count, y + filter * count, count, s.inverse, -s.mean * s.inverse);
+      routines().finish({s.mean, s.inverse, 0}, x + filter * count, nullptr, y + filter * count, count,
+                        false);
     });
   }
 };
@@ -230,10 +256,19 @@ class MinMaxNormaliseKernel : public LevelKernel<MinMaxNormaliseOp, JoinedRoutin
       } else if (without_relief(static_cast<double>(low), static_cast<double>(high))) {
         std::fill(y + begin, y + end, 0.0F);
       } else {
+        if (!std::isfinite(range)) return spread(x, y, begin, end, low, high);
         sub(x + begin, 1, &low, 0, y + begin, count);
         div(y + begin, 1, &range, 0, y + begin, count);
       }
     });
+  }
+
+  /// The same where float32 does not hold high - low.
+  static void spread(const float* x, float* y, std::int64_t begin, std::int64_t end, float low, float high) {
+    const double least = static_cast<double>(low);
+    const double range = static_cast<double>(high) - least;
+    for (std::int64_t i = begin; i < end; ++i)
+      y[i] = static_cast<float>((static_cast<double>(x[i]) - least) / range);
   }
 };
 

@@ -15,13 +15,14 @@ using simd::kWidth;
 
 template <bool kResidual, bool kNonTemporal>
 void finish_rows(const NormalisedRow& row, float* y, std::int64_t count) {
+  const Float mean = broadcast(row.mean);
   const Float scale = broadcast(row.scale);
   const Float shift = broadcast(row.shift);
   const Float least = broadcast(row.least);
   for (std::int64_t j = 0; j < count; j += kWidth) {
     const std::int64_t rest = count - j;
     simd::fetch_ahead(row.x + j);
-    Float value = fma(simd::load_some(row.x + j, rest), scale, shift);
+    Float value = fma(simd::load_some(row.x + j, rest) - mean, scale, shift);
     if (kResidual) {
       simd::fetch_ahead(row.residual + j);
       value = value + simd::load_some(row.residual + j, rest);

@@ -7,11 +7,12 @@
 
 namespace slide::ops {
 
-/// What a channel of a normalised tensor becomes: max(least, scale·x + shift + residual).
+/// What a channel of a normalised tensor becomes: max(least, scale·(x - mean) + shift + residual). The mean
+/// is subtracted first: x and mean may be far larger than their difference.
 struct NormalisedRow {
   const float* x;
   const float* residual;  ///< may be null
-  float scale, shift;
+  float mean, scale, shift;
   float least;  ///< -infinity if there is none
 };
 

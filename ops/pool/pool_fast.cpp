@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <limits>
 #include <vector>
 
@@ -105,8 +106,21 @@ class PoolKernel : public LevelKernel<PoolOp, PoolRoutines> {
                                                   static_cast<std::size_t>(out.w));
       if (max) continue;
       const float divisor = static_cast<float>(op.divisor(0, i, in.h));
-      for (std::int64_t j = 0; j < out.w; ++j) to[j] /= divisor * divisors[static_cast<std::size_t>(j)];
+      for (std::int64_t j = 0; j < out.w; ++j) {
+        to[j] /= divisor * divisors[static_cast<std::size_t>(j)];
+        if (!std::isfinite(to[j])) to[j] = wide_mean(op, in, x, i, j);
+      }
     }
+  }
+
+  /// A mean whose sum float32 does not hold, or of numbers that are not finite.
+  static float wide_mean(const PoolOp& op, const Nchw& in, const float* x, std::int64_t i, std::int64_t j) {
+    const PoolWindow rows = op.window(0, i, in.h);
+    const PoolWindow columns = op.window(1, j, in.w);
+    double sum = 0;
+    for (std::int64_t r = rows.begin; r < rows.end; ++r)
+      for (std::int64_t c = columns.begin; c < columns.end; ++c) sum += static_cast<double>(x[r * in.w + c]);
+    return static_cast<float>(sum / static_cast<double>(op.divisor(0, i, in.h) * op.divisor(1, j, in.w)));
   }
 
   const ReduceRoutines& reduce_;

@@ -152,6 +152,48 @@ TEST_CASE("a scene without relief becomes zeros, and NaN or an infinity is never
     for (const double v : normalised({0, 1, bad, 2})) CHECK(std::isnan(v));
 }
 
+TEST_CASE("normalisation subtracts the mean first: means far larger than the deviation cost no bits") {
+  // |error| <= 2^-20 where |y| is a few units: a scale of |x| + |mean| would allow 0.3.
+  for (const double mean : {1e4, 1e6, 1e8}) {
+    const Tensor x = moved(random_tensor({2, 4, 9, 65}, 1), mean * 0x1p-23 + 1, mean);
+    const Call call = group_norm(x, 2, 2);
+    for (const double s : values(call.error_scale(call.reference()))) REQUIRE(s < 24);
+    test::judge(call);
+    test::judge(call_of(x, [](Value v) { return ops::weight_standardise(v, 1e-5); }));
+  }
+}
+
+TEST_CASE("normalisation holds at both ends of float32's range: of x, of the mean, of 1/deviation") {
+  const auto channels = [](double v) { return tensor_by({4}, [v](std::int64_t) { return v; }); };
+  const auto batch = [&](double size, double weight, double mean, double variance) {
+    return Call(
+        {random_tensor({1, 4, 5, 17}, 1, size), channels(static_cast<float>(weight)), channels(0.5),
+         channels(static_cast<float>(mean)), channels(static_cast<float>(variance))},
+        [](const std::vector<Value>& v) { return ops::batch_norm(v[0], v[1], v[2], v[3], v[4], 1e-5); });
+  };
+  for (const double size : {1e-30, 1e-3, 1e30, 4e37})
+    for (const double weight : {1e-35, 1e-20, 1.0, 1e20})
+      for (const double mean : {0.0, 5e30, 3e38})
+        for (const double variance : {0.0, 1.0, 1e38}) test::judge(batch(size, weight, mean, variance));
+  for (const double size : {1e-30, 1e-18, 1e18, 4e37}) {
+    test::judge(group_norm(random_tensor({1, 4, 5, 17}, 1, size), 2, 4));
+    test::judge(call_of(random_tensor({5, 3, 3, 3}, 1, size),
+                        [](Value w) { return ops::weight_standardise(w, 1e-5); }));
+  }
+  // A definite number, not a bound: 3e38 · 1e-20 / sqrt(1e38) = 0.3.
+  const Call call = batch(0, 1e-20, -3e38, 1e38);
+  for (const double y : values(call.reference())) CHECK(std::fabs(y - 0.8) < 1e-6);
+}
+
+TEST_CASE("min-max normalisation holds where largest - smallest is beyond float32") {
+  const Tensor x = tensor_by({70000}, [](std::int64_t i) {
+    return static_cast<double>(static_cast<float>((static_cast<double>(i) - 35000) * 9e33));
+  });
+  const Call call = call_of(x, [](Value v) { return ops::min_max_normalise(v); });
+  CHECK(values(call.reference())[35000] == doctest::Approx(0.5).epsilon(1e-4));
+  test::judge(call);
+}
+
 TEST_CASE("parameters of a wrong shape are refused by name") {
   Graph g;
   const Value x = g.input("x", {1, 6, 5, 5});

@@ -1,6 +1,7 @@
 #include "ops/pool/pool.h"
 
 #include <cmath>
+#include <limits>
 
 #include "judge.h"
 
@@ -48,6 +49,20 @@ TEST_CASE("pooling kernels keep their bounds at every width around the vector wi
         test::judge(call_of(x, [&](Value v) { return ops::avg_pool2d(v, q); }));
       }
     }
+}
+
+TEST_CASE(
+    "the mean of numbers whose sum is beyond float32 is that of the definition, also beside an infinity") {
+  constexpr double kLarge = 0x1.8p127;
+  for (const double other : {kLarge, -kLarge, std::numeric_limits<double>::infinity(), std::nan("")}) {
+    const Tensor x =
+        test::tensor_by({1, 2, 7, 40}, [&](std::int64_t i) { return i == 2 * 40 + 20 ? other : kLarge; });
+    const Call call = call_of(x, [](Value v) {
+      return ops::avg_pool2d(v, params({3, 3}, {1, 1}, {1, 1, 1, 1}));
+    });
+    CHECK(test::values(call.reference())[0] == kLarge);
+    test::judge(call);
+  }
 }
 
 TEST_CASE("NaN reaches every window that contains it and no other; padding never wins a maximum") {
