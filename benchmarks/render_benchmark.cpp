@@ -43,7 +43,7 @@ double scene_disparity(double x, double y, bool discs) {
 Layer scene_layer(bool discs) {
   Layer layer{Image(kWidth, kHeight, 3), Image(kWidth, kHeight, 1), Image(kWidth, kHeight, 1)};
   const double parallax = 0.04 * kWidth;
-  const double beta = 4.0 * std::log(2.0) * parallax * parallax;
+  const double beta = parallax * parallax / 12;
   for (int y = 0; y < kHeight; ++y) {
     for (int x = 0; x < kWidth; ++x) {
       layer.disparity.at(x, y) = static_cast<float>(scene_disparity(x, y, discs));

@@ -302,7 +302,7 @@ int run(CLI::App& app, int argc, char** argv) {
   app.add_option("--depth-weights", a.depth_weights, "weights of the depth network; default: built in");
   app.add_option("--inpaint-weights", a.inpaint_weights,
                  "weights of the inpainting network; default: built in");
-  app.add_option("--beta", a.layering.beta, "steepness of the visibility; default 4 ln 2 P^2");
+  app.add_option("--beta", a.layering.beta, "steepness of the visibility; default P^2/12");
   app.add_option("--sigma", a.layering.sigma, "conditioning blur, pixels")->capture_default_str();
   app.add_option("--maxpool", a.layering.maxpool, "side of the conditioning max-pool")->capture_default_str();
   try {

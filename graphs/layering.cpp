@@ -1,7 +1,6 @@
 #include "graphs/layering.h"
 
 #include <cmath>
-#include <numbers>
 #include <string>
 
 #include "ops/layering/layering.h"
@@ -38,7 +37,7 @@ Layering resolve(const LayeringParams& p) {
   require_non_negative("parallax", p.parallax);
   Layering l{};
   l.parallax = p.parallax;
-  l.beta = p.beta.value_or(4 * std::numbers::ln2 * p.parallax * p.parallax);
+  l.beta = p.beta.value_or(p.parallax * p.parallax / 12);
   l.gamma = p.gamma.value_or(p.parallax);
   l.rho = p.rho.value_or(p.parallax > 0 ? 1 / p.parallax : 0);
   l.radius = p.radius.value_or(static_cast<std::int64_t>(std::ceil(p.parallax)));

@@ -8,14 +8,16 @@
 namespace slide::graphs {
 
 /// The parameters of soft layering (Jampani et al., ICCV 2021, section 3.2; spec section 2). What is not set
-/// follows from the largest parallax of the camera path.
+/// follows from the largest parallax of the camera path. With beta = P²/12 the visibility is one half where
+/// neighbours are pulled sqrt(12·ln 2) = 2.9 pixels apart: less keeps stretching, jumps are cut. The paper
+/// blurs (sigma) to smooth its network's steps; here that would only widen the seam (docs/views.md).
 struct LayeringParams {
   double parallax = 0;               ///< P, pixels: disparity 1 against disparity 0 over the whole path; >= 0
-  std::optional<double> beta = {};   ///< steepness of the visibility; default 4·ln2·P²
+  std::optional<double> beta = {};   ///< steepness of the visibility; default P²/12
   std::optional<double> gamma = {};  ///< steepness of the disocclusion; default P
   std::optional<double> rho = {};    ///< disparity that one pixel of distance is worth; default 1/P
   std::optional<std::int64_t> radius = {};  ///< m, pixels; default ceil(P)
-  double sigma = 1;                         ///< of the conditioning blur, pixels
+  double sigma = 0;                         ///< of the conditioning blur, pixels; none by default
   std::int64_t maxpool = 3;                 ///< k of the conditioning max-pool, odd
 };
 

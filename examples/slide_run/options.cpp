@@ -126,7 +126,7 @@ void declare_geometry(CLI::App& app, Options& o) {
       ->group(geometry)
       ->check(CLI::Range(1.0, 170.0));
   const char* layering = "Soft layering (P is the largest parallax in pixels)";
-  app.add_option("--beta", o.beta, "Steepness of the visibility. Default: 4 ln2 P^2")->group(layering);
+  app.add_option("--beta", o.beta, "Steepness of the visibility. Default: P^2/12")->group(layering);
   app.add_option("--gamma", o.gamma, "Steepness of the disocclusion. Default: P")->group(layering);
   app.add_option("--rho", o.rho, "Disparity that a pixel of distance is worth. Default: 1/P")
       ->group(layering);

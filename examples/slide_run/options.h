@@ -51,7 +51,7 @@ struct Options {
   // Layering
   std::optional<double> beta, gamma, rho;
   std::optional<int> radius;
-  double sigma = 1;
+  double sigma = 0;
   int maxpool = 3;
 
   // Drawing

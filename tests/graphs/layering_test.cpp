@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <cmath>
+#include <numbers>
 #include <string>
 
 #include "runtime/error.h"
@@ -20,7 +21,9 @@ Shape plane(const Tensor& t) { return {1, 1, t.shape()[0], t.shape()[1]}; }
 void build(Graph& g, const Shape& shape, double parallax) {
   const Value d = g.input("D", shape);
   const Value m = g.input("M", shape);
-  const Layering layering = resolve({.parallax = parallax});
+  // The parameters that the golden maps were made with.
+  const Layering layering =
+      resolve({.parallax = parallax, .beta = 4 * std::numbers::ln2 * parallax * parallax, .sigma = 1});
   const LayeringMaps maps = soft_layering(d, layering);
   g.output("D1", maps.disparity);
   g.output("A", maps.visibility);
@@ -59,8 +62,8 @@ TEST_CASE("soft layering agrees with the definition evaluated pair by pair in Nu
   }
 }
 
-TEST_CASE("where neighbours are pulled half a pixel apart the visibility is one half") {
-  // A plane of slope g: P·g = 1/2 must give A = 1/2 in the interior, whatever P is.
+TEST_CASE("where neighbours are pulled sqrt(12 ln 2) pixels apart the visibility is one half") {
+  // A plane of slope g: P·g = sqrt(12·ln 2) must give A = 1/2 in the interior, whatever P is.
   for (const double parallax : {4.0, 25.0}) {
     Graph g;
     const Value d = g.input("D", {1, 1, 9, 9});
@@ -68,11 +71,24 @@ TEST_CASE("where neighbours are pulled half a pixel apart the visibility is one 
     g.output("A", visibility(d, layering));
     Tensor ramp(DType::kF64, {1, 1, 9, 9});
     for (int i = 0; i < 81; ++i)
-      ramp.mutable_data<double>()[static_cast<std::size_t>(i)] = 0.5 / parallax * (i % 9);
+      ramp.mutable_data<double>()[static_cast<std::size_t>(i)] =
+          std::sqrt(12 * std::numbers::ln2) / parallax * (i % 9);
     ReferenceExecutor run(g, WeightMap());
     run.run({{"D", ramp}});
     CHECK(run.tensor("A").data<double>()[40] == doctest::Approx(0.5).epsilon(1e-12));
   }
+}
+
+TEST_CASE("by default the disparity of a subject with a sharp edge keeps its two values") {
+  // Without blur a step is moved outwards by the max-pool of 3 and stays a step: no depth in between.
+  Graph g;
+  const Value d = g.input("D", {1, 1, 1, 20});
+  g.output("D1", condition_disparity(d, resolve({.parallax = 8})));
+  Tensor step = Tensor::zeros(DType::kF64, {1, 1, 1, 20});
+  for (std::size_t i = 10; i < 20; ++i) step.mutable_data<double>()[i] = 1;
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"D", step}});
+  for (std::size_t i = 0; i < 20; ++i) CHECK(run.tensor("D1").data<double>()[i] == (i < 9 ? 0 : 1));
 }
 
 TEST_CASE("a flat scene is all foreground and has no hole") {
