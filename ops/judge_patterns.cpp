@@ -75,6 +75,7 @@ std::string factor(const WrongResult& r) {
   if (!nearly_all(
           r, [&](std::size_t i) { return close(y[i], q * e[i], kClose * e[i] + std::fabs(q - 1) * e[i]); }))
     return "";
+  if (q == 0) return "0";
   char text[64];
   std::snprintf(text, sizeof text, "%.6g times what they should be", q);
   return text;

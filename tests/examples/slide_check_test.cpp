@@ -77,6 +77,24 @@ TEST_CASE("slide_check judge takes a result from its own file or the case, and s
   CHECK(slide_check({"judge", path, "--actual", folder.file("none.npy")}).code == 3);
 }
 
+TEST_CASE("slide_check judge prints what its page shows") {
+  const TemporaryFolder folder;
+  const std::string path = kData + "/onnx_cases/test_basic_conv_with_padding.safetensors";
+  const ops::OperatorCase c = ops::read_case(path);
+  Tensor y = c.expected.clone();
+  for (std::int64_t row = 0; row < 5; ++row) y.mutable_data<float>()[row * 5 + 4] = 0;
+  write_safetensors(folder.file("y.safetensors"), {{"y", y}});
+  const ProgramResult result = slide_check({"judge", path, "--actual", folder.file("y.safetensors")});
+  CHECK(result.code == 1);
+  const std::vector<std::byte> page = bytes_of_file(kData + "/../../docs/slide_check.md");
+  const std::string text(reinterpret_cast<const char*>(page.data()), page.size());
+  std::istringstream lines(result.output);
+  std::string line;
+  int count = 0;
+  for (; std::getline(lines, line); ++count) CHECK_MESSAGE(contains(text, "\n" + line + "\n"), line);
+  CHECK(count == 6);
+}
+
 TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
   const TemporaryFolder folder;
   const std::string junk = folder.file("junk.safetensors");
