@@ -16,6 +16,7 @@
 #include "runtime/calibration.h"
 #include "runtime/crc32c.h"
 #include "runtime/error.h"
+#include "runtime/foreign_format.h"
 #include "runtime/safetensors_header.h"
 #include "runtime/threads.h"
 
@@ -70,6 +71,9 @@ class Mapping {
 /// The length of the header, and the header itself in memory of its own: what was checked cannot change any
 /// more.
 std::string copy_of_header(std::span<const std::byte> bytes, const std::string& file) {
+  constexpr std::size_t kStart = 512;
+  if (const auto other = foreign_format(bytes.first(std::min(bytes.size(), kStart))))
+    throw bad(file + ": this is " + std::string(other->name), std::string(other->remedy));
   const std::string size = std::to_string(bytes.size());
   if (bytes.size() < kLengthBytes)
     throw bad(file + ": the file is cut short: " + size +
@@ -79,7 +83,7 @@ std::string copy_of_header(std::span<const std::byte> bytes, const std::string& 
   if (length > kMaxSafetensorsHeader)
     throw bad(file + ": the header would have " + std::to_string(length) + " bytes, more than the format's " +
                   std::to_string(kMaxSafetensorsHeader) + " (byte 0)",
-              "is it a safetensors file? slide_convert reads PyTorch checkpoints");
+              "is it a safetensors file?");
   if (length > bytes.size() - kLengthBytes)
     throw bad(file + ": the file is cut short: the header has " + std::to_string(length) +
               " bytes, but the file ends at byte " + size);

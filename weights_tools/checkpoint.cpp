@@ -33,38 +33,130 @@ Error bad(const std::string& problem, const std::string& remedy = "") {
   return Error(ErrorKind::kBadWeights, problem, remedy);
 }
 
-/// A dictionary in which tensors lie directly under texts.
-struct TensorSet {
-  std::string path;
-  std::size_t object = 0;
-  std::size_t count = 0;
+using NamedTensors = std::vector<std::pair<std::string, std::size_t>>;  // names and indices of tensors
+
+/// The entry of that name in a dictionary, or null.
+const PickleObject* entry(const Pickle& pickle, const PickleObject& dict, std::string_view name) {
+  for (std::size_t i = 0; i + 1 < dict.items.size(); i += 2)
+    if (pickle.objects[dict.items[i]].text == name) return &pickle.objects[dict.items[i + 1]];
+  return nullptr;
+}
+
+/// The tensors of a dictionary, by its keys.
+NamedTensors tensors_of_dict(const Pickle& pickle, const PickleObject& dict) {
+  NamedTensors tensors;
+  for (std::size_t i = 0; i + 1 < dict.items.size(); i += 2) {
+    const PickleObject& name = pickle.objects[dict.items[i]];
+    const PickleObject& value = pickle.objects[dict.items[i + 1]];
+    if (name.type == Type::kString && name.text.size() <= 1024 && value.type == Type::kTensor)
+      tensors.emplace_back(name.text, static_cast<std::size_t>(value.number));
+  }
+  return tensors;
+}
+
+/// Whole networks (torch.nn.Module): an object's attributes hold its parameters, its buffers and its parts,
+/// each a dictionary; the names are those of its state_dict(). Parts may be shared and, in a hostile file,
+/// hold each other: all the work done is bounded.
+class ModuleWalk {
+ public:
+  explicit ModuleWalk(const Pickle& pickle) : pickle_(pickle) {}
+
+  /// The tensors of a network; none if the object is something else.
+  NamedTensors tensors(std::size_t object) {
+    NamedTensors found;
+    std::vector<std::pair<std::string, std::size_t>> rest = {{"", object}};
+    while (!rest.empty()) {
+      const auto [prefix, index] = std::move(rest.back());
+      rest.pop_back();
+      const PickleObject* state = state_of(index);
+      if (state == nullptr || prefix.size() > 1024) continue;
+      const PickleObject* passing = entry(pickle_, *state, "_non_persistent_buffers_set");
+      for (const std::string_view kind : {"_parameters", "_buffers"})
+        if (const PickleObject* own = entry(pickle_, *state, kind);
+            own != nullptr && spend(own->items.size()))
+          for (auto& [name, tensor] : tensors_of_dict(pickle_, *own))
+            if (!among(passing, name)) found.emplace_back(prefix + name, tensor);
+      const PickleObject* parts = entry(pickle_, *state, "_modules");
+      if (!spend(parts->items.size())) break;
+      for (std::size_t i = 0; i + 1 < parts->items.size(); i += 2)
+        if (const PickleObject& name = pickle_.objects[parts->items[i]]; name.text.size() <= 1024)
+          rest.emplace_back(prefix + name.text + ".", parts->items[i + 1]);
+    }
+    return found;
+  }
+
+ private:
+  static constexpr std::size_t kMostSteps = 4'000'000;
+
+  bool spend(std::size_t steps) {
+    steps_ += steps + 1;
+    return steps_ <= kMostSteps;
+  }
+  const PickleObject* state_of(std::size_t index) {
+    const PickleObject& object = pickle_.objects[index];
+    if (object.type != Type::kOpaque || object.items.size() < 2) return nullptr;
+    const PickleObject& state = pickle_.objects[object.items[1]];
+    if (state.type != Type::kDict || !spend(state.items.size())) return nullptr;
+    return entry(pickle_, state, "_parameters") != nullptr && entry(pickle_, state, "_modules") != nullptr
+               ? &state
+               : nullptr;
+  }
+  bool among(const PickleObject* texts, std::string_view name) {
+    return texts != nullptr && spend(texts->items.size()) &&
+           std::ranges::any_of(texts->items, [&](std::size_t i) { return pickle_.objects[i].text == name; });
+  }
+
+  const Pickle& pickle_;
+  std::size_t steps_ = 0;
 };
 
-/// All of them, breadth first, the root's path being empty. Every dictionary is looked at once.
+/// A dictionary in which tensors lie directly under texts, or a whole network.
+struct TensorSet {
+  std::string path;
+  NamedTensors tensors;
+};
+
+/// All of them, breadth first, the root's path being empty. Every object is looked at once.
 std::vector<TensorSet> tensor_sets(const Pickle& pickle) {
   constexpr std::size_t kMaxDepth = 4;
+  ModuleWalk modules(pickle);
   std::vector<TensorSet> found;
   std::set<std::size_t> seen = {pickle.root};
   std::vector<std::pair<std::string, std::size_t>> level = {{"", pickle.root}};
   for (std::size_t depth = 0; depth < kMaxDepth && !level.empty(); ++depth) {
     std::vector<std::pair<std::string, std::size_t>> next;
     for (const auto& [path, index] : level) {
-      const PickleObject& dict = pickle.objects[index];
-      if (dict.type != Type::kDict) continue;
-      std::size_t count = 0;
-      for (std::size_t i = 0; i + 1 < dict.items.size(); i += 2) {
-        const PickleObject& name = pickle.objects[dict.items[i]];
+      const PickleObject& object = pickle.objects[index];
+      NamedTensors tensors =
+          object.type == Type::kDict ? tensors_of_dict(pickle, object) : modules.tensors(index);
+      if (!tensors.empty()) found.push_back({path, std::move(tensors)});
+      if (object.type != Type::kDict) continue;
+      for (std::size_t i = 0; i + 1 < object.items.size(); i += 2) {
+        const PickleObject& name = pickle.objects[object.items[i]];
         if (name.type != Type::kString || name.text.size() > 256) continue;
-        const Type type = pickle.objects[dict.items[i + 1]].type;
-        if (type == Type::kTensor) ++count;
-        if (type == Type::kDict && seen.insert(dict.items[i + 1]).second)
-          next.emplace_back(path.empty() ? name.text : path + "." + name.text, dict.items[i + 1]);
+        const Type type = pickle.objects[object.items[i + 1]].type;
+        if ((type == Type::kDict || type == Type::kOpaque) && seen.insert(object.items[i + 1]).second)
+          next.emplace_back(path.empty() ? name.text : path + "." + name.text, object.items[i + 1]);
       }
-      if (count > 0) found.push_back({path, index, count});
     }
     level = std::move(next);
   }
   return found;
+}
+
+/// What a checkpoint without tensors holds instead.
+std::string objects_of(const Pickle& pickle) {
+  constexpr std::size_t kShown = 3;
+  std::vector<std::string> names;
+  for (const PickleObject& object : pickle.objects) {
+    if (object.type != Type::kOpaque) continue;
+    std::string name = class_name(pickle, object);
+    if (std::ranges::find(names, name) == names.end()) names.push_back(std::move(name));
+    if (names.size() == kShown) break;
+  }
+  std::string text;
+  for (const std::string& name : names) text.append(text.empty() ? ", but objects of " : ", ").append(name);
+  return text;
 }
 
 std::string list_of(const std::vector<TensorSet>& sets) {
@@ -73,14 +165,11 @@ std::string list_of(const std::vector<TensorSet>& sets) {
   for (std::size_t i = 0; i < std::min(kShown, sets.size()); ++i)
     text.append(i > 0 ? ", " : "")
         .append(sets[i].path.empty() ? "\".\"" : "\"" + sets[i].path + "\"")
-        .append(" (" + std::to_string(sets[i].count) + " tensors)");
+        .append(" (" + std::to_string(sets[i].tensors.size()) + " tensors)");
   return sets.size() > kShown ? text + " ..." : text;
 }
 
 TensorSet choose(const std::vector<TensorSet>& sets, const std::string& key, const std::string& file) {
-  if (sets.empty())
-    throw bad(file + ": the checkpoint holds no dictionary of tensors",
-              "save the network's state_dict(), not the network");
   if (!key.empty()) {
     const auto found = std::ranges::find(sets, key == "." ? "" : key, &TensorSet::path);
     if (found == sets.end())
@@ -128,6 +217,9 @@ void Checkpoint::read_zip() {
     throw bad(path() + ": the zip archive holds no PyTorch checkpoint: there is no .../data.pkl in it");
   if (main->size > kMaxPickle) throw bad(path() + ": " + main->name + " is too large for a list of tensors");
   const std::string folder = main->name.substr(0, main->name.size() - kPickleName.size());
+  if (zip_->find(folder + "/constants.pkl") != nullptr)
+    throw bad(path() + ": this is a TorchScript program",
+              "load it in Python with torch.jit.load() and save its state_dict()");
   if (const ZipArchive::Member* order = zip_->find(folder + "/byteorder");
       order != nullptr && order->size == 3)
     throw bad(path() + ": the checkpoint was written by a big-endian machine");  // "big", else "little"
@@ -216,18 +308,11 @@ void Checkpoint::read_stream() {
 }
 
 void Checkpoint::select_tensors(const std::string& key) {
-  const TensorSet chosen = choose(tensor_sets(pickle_), key, path());
-  std::vector<std::pair<std::string, std::size_t>> named;
-  const std::vector<std::size_t>& items = pickle_.objects[chosen.object].items;
-  for (std::size_t i = 0; i + 1 < items.size(); i += 2) {
-    const PickleObject& name = pickle_.objects[items[i]];
-    const PickleObject& value = pickle_.objects[items[i + 1]];
-    if (name.type == Type::kString && value.type == Type::kTensor)
-      named.emplace_back(name.text, static_cast<std::size_t>(value.number));
-  }
-  constexpr std::string_view kParallel = "module.";
-  while (std::ranges::all_of(named, [&](const auto& entry) { return entry.first.starts_with(kParallel); }))
-    for (auto& entry : named) entry.first.erase(0, kParallel.size());
+  const std::vector<TensorSet> sets = tensor_sets(pickle_);
+  if (sets.empty())
+    throw bad(path() + ": the checkpoint holds no dictionary of tensors" + objects_of(pickle_),
+              "save the network's state_dict() in Python; code in a checkpoint is never run");
+  NamedTensors named = choose(sets, key, path()).tensors;
 
   // Tensors that share a storage come together, at the place of the first.
   std::vector<std::size_t> first(pickle_.storages.size(), named.size());

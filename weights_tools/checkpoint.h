@@ -14,8 +14,8 @@
 namespace slide {
 
 /// A PyTorch checkpoint, as torch.save writes it: the zip archive of 1.6 and later, or the stream of pickles
-/// before. The tensors are those of a state_dict: the dictionary itself, or one nested in it; a prefix
-/// "module." that all names share (DataParallel) is dropped.
+/// before. The tensors are those of a state_dict: the dictionary itself, or one nested in it, or that of a
+/// whole network (torch.nn.Module) that was saved. Other objects beside them are skipped.
 class Checkpoint final : public WeightReader {
  public:
   enum class Format { kZip, kStream };

@@ -22,6 +22,7 @@ using Type = PickleObject::Type;
 constexpr std::size_t kMaxObjects = 2'000'000;
 constexpr std::size_t kMaxArguments = 8;
 constexpr std::size_t kMaxKey = 256;
+constexpr std::size_t kMaxGlobal = 512;
 
 struct StorageClass {
   std::string_view name;
@@ -38,13 +39,14 @@ constexpr std::array<StorageClass, 10> kStorageClasses = {{{"torch DoubleStorage
                                                            {"torch ByteStorage", DType::kU8},
                                                            {"torch BoolStorage", DType::kBool}}};
 
-constexpr std::array<std::string_view, 7> kFunctions = {"collections OrderedDict",
+constexpr std::array<std::string_view, 8> kFunctions = {"collections OrderedDict",
                                                         "__builtin__ set",
                                                         "builtins set",
                                                         "torch Size",
                                                         "torch._utils _rebuild_tensor",
                                                         "torch._utils _rebuild_tensor_v2",
-                                                        "torch._utils _rebuild_parameter"};
+                                                        "torch._utils _rebuild_parameter",
+                                                        "torch._utils _rebuild_parameter_with_state"};
 
 std::optional<DType> storage_dtype(std::string_view name) {
   const auto* found = std::ranges::find(kStorageClasses, name, &StorageClass::name);
@@ -83,6 +85,12 @@ class Machine {
       case 0x95:
         static_cast<void>(number<std::uint64_t>());
         break;  // FRAME
+      case 'B':
+        push_text(number<std::uint32_t>());
+        break;  // BINBYTES
+      case 'C':
+        push_text(number<std::uint8_t>());
+        break;  // SHORT_BINBYTES
       case 'J':
         push_int(number<std::int32_t>());
         break;  // BININT
@@ -182,6 +190,18 @@ class Machine {
       case 'R':
         reduce();
         break;  // REDUCE
+      case 0x81:
+        push_opaque(pop_last(2)[0]);
+        break;  // NEWOBJ
+      case 0x92:
+        push_opaque(pop_last(3)[0]);
+        break;  // NEWOBJ_EX
+      case 0x8f:
+        push(Type::kList);
+        break;  // EMPTY_SET
+      case 0x90:
+        append(pop_to_mark());
+        break;  // ADDITEMS
       case 'b':
         build();
         break;  // BUILD
@@ -297,18 +317,24 @@ class Machine {
 
   void append(const std::vector<std::size_t>& items) {
     PickleObject& list = object(top());
+    if (list.type == Type::kOpaque) return;  // what a list of its own kind holds
     if (list.type != Type::kList) fail("something is appended that is not a list");
     list.items.insert(list.items.end(), items.begin(), items.end());
   }
   void set_items(const std::vector<std::size_t>& items) {
     PickleObject& dict = object(top());
+    if (dict.type == Type::kOpaque && items.size() % 2 == 0) return;
     if (dict.type != Type::kDict || items.size() % 2 != 0)
       fail("items are set in something that is not a dictionary");
     dict.items.insert(dict.items.end(), items.begin(), items.end());
   }
   void build() {
-    pop_last(1);  // an OrderedDict's attributes, such as a state_dict's _metadata, are of no use here
-    if (object(top()).type != Type::kDict) fail("attributes are set in something that is not a dictionary");
+    const std::size_t state = pop_last(1)[0];
+    PickleObject& target = object(top());
+    if (target.type == Type::kOpaque && target.items.size() == 1) target.items.push_back(state);
+    // An OrderedDict's attributes, such as a state_dict's _metadata, are of no use here.
+    if (target.type != Type::kDict && target.type != Type::kOpaque)
+      fail("attributes are set in something that is not a dictionary");
   }
   void stop() {
     if (!marks_.empty() || stack_.size() != 1)
@@ -319,10 +345,8 @@ class Machine {
   // --- globals
 
   void push_global(const std::string& module, const std::string& name) {
-    const std::string full = module + " " + name;
-    if (!storage_dtype(full) && std::ranges::find(kFunctions, std::string_view(full)) == kFunctions.end())
-      fail("the global \"" + printable(module + "." + name) + "\" is not allowed");
-    push(Type::kGlobal).text = full;
+    if (module.size() + name.size() > kMaxGlobal) fail("a global's name is too long");
+    push(Type::kGlobal).text = module + " " + name;
   }
   void global_of_lines() {
     const std::string module = line();
@@ -337,8 +361,11 @@ class Machine {
   void reduce() {
     const std::vector<std::size_t> call = pop_last(2);
     const PickleObject& callee = object(call[0]);
-    if (callee.type != Type::kGlobal || object(call[1]).type != Type::kTuple)
+    if ((callee.type != Type::kGlobal && callee.type != Type::kOpaque) ||
+        object(call[1]).type != Type::kTuple)
       fail("something is called that is not a function");
+    if (std::ranges::find(kFunctions, std::string_view(callee.text)) == kFunctions.end())
+      return push_opaque(call[0]);
     if (object(call[1]).items.size() > kMaxArguments)
       fail("\"" + callee.text + "\" is not called as expected");
     const std::string function = callee.text;
@@ -347,12 +374,18 @@ class Machine {
     if (function == "torch._utils _rebuild_tensor" && arguments.size() == 4) return rebuild_tensor(arguments);
     if (function == "torch._utils _rebuild_tensor_v2" && (arguments.size() == 6 || arguments.size() == 7))
       return rebuild_tensor(arguments);
-    if (function == "torch._utils _rebuild_parameter" && arguments.size() == 3 &&
+    if (function.starts_with("torch._utils _rebuild_parameter") && arguments.size() >= 3 &&
         object(arguments[0]).type == Type::kTensor)
       return stack_.push_back(arguments[0]);
     if (arguments.size() == 1 && (function == "torch Size" || function.ends_with(" set")))
       return stack_.push_back(arguments[0]);
     fail("\"" + printable(function) + "\" is not called as expected");
+  }
+  /// What a class or function that is not understood would make. It is not asked to.
+  void push_opaque(std::size_t maker) {
+    while (object(maker).type == Type::kOpaque) maker = object(maker).items[0];
+    if (object(maker).type != Type::kGlobal) fail("something is called that is not a function");
+    push(Type::kOpaque).items = {maker};
   }
   void ordered_dict(const std::vector<std::size_t>& arguments) {
     std::vector<std::size_t> items;
@@ -386,9 +419,16 @@ class Machine {
     return values;
   }
 
+  // ("module", class, file, source): how streams write the class of a whole network
+  bool is_module_class(std::size_t id) {
+    const std::vector<std::size_t>& fields = object(id).items;
+    return object(id).type == Type::kTuple && fields.size() == 4 && object(fields[0]).text == "module" &&
+           object(fields[1]).type == Type::kGlobal;
+  }
   // ("storage", class, key, device, element count[, None or (key of a view, offset, count)])
   void persistent_id() {
     const std::size_t id = pop_last(1)[0];
+    if (is_module_class(id)) return stack_.push_back(object(id).items[1]);
     if (object(id).type != Type::kTuple || object(id).items.size() < 5 || object(id).items.size() > 6)
       fail("a persistent id is no storage");
     const std::vector<std::size_t> fields = object(id).items;
@@ -465,5 +505,11 @@ class Machine {
 }  // namespace
 
 Pickle read_pickle(std::span<const std::byte> bytes) { return Machine(bytes).run(); }
+
+std::string class_name(const Pickle& pickle, const PickleObject& opaque) {
+  std::string name = pickle.objects[opaque.items[0]].text;
+  std::ranges::replace(name, ' ', '.');
+  return printable(std::move(name));
+}
 
 }  // namespace slide

@@ -16,12 +16,27 @@ namespace slide {
 /// What a pickle of a PyTorch checkpoint can be made of. Objects are indices into Pickle::objects, so that
 /// shared and even cyclic structures cost nothing to hold and nobody recurses to read them.
 struct PickleObject {
-  enum class Type { kNone, kBool, kInt, kFloat, kString, kTuple, kList, kDict, kGlobal, kStorage, kTensor };
+  enum class Type {
+    kNone,
+    kBool,
+    kInt,
+    kFloat,
+    kString,
+    kTuple,
+    kList,
+    kDict,
+    kGlobal,
+    kStorage,
+    kTensor,
+    kOpaque
+  };
   Type type = Type::kNone;
-  std::int64_t number = 0;         ///< kBool, kInt; kStorage, kTensor: index into Pickle::storages, tensors
-  double real = 0;                 ///< kFloat
-  std::string text;                ///< kString; kGlobal: "module name"
-  std::vector<std::size_t> items;  ///< kTuple, kList; kDict: key, value, key, value, ...
+  std::int64_t number = 0;  ///< kBool, kInt; kStorage, kTensor: index into Pickle::storages, tensors
+  double real = 0;          ///< kFloat
+  std::string text;         ///< kString; kGlobal: "module name"
+  /// kTuple, kList; kDict: key, value, key, value, ...; kOpaque: its class or what would have made it (a
+  /// kGlobal), then the state it was given, if any.
+  std::vector<std::size_t> items;
 };
 
 /// A storage that tensors are views of: its data lies elsewhere in the checkpoint, under `key`.
@@ -56,9 +71,13 @@ struct PickleError : std::runtime_error {
 };
 
 /// Reads one pickle at the start of `bytes` without ever running code: a white list of opcodes (what Python's
-/// protocols 2 to 5 write for plain containers, numbers and texts) and of globals (OrderedDict, set, torch's
-/// storages, torch.Size, and the functions that rebuild tensors and parameters), everything else is a
-/// PickleError naming it. At most 2 million objects, and at most five dimensions a tensor.
+/// protocols 2 to 5 write for plain containers, numbers and texts), and of functions that are understood
+/// (OrderedDict, set, torch.Size, those that rebuild tensors and parameters). What any other class or
+/// function would make stays an opaque object: nothing is called, its state is kept as data. Everything else
+/// is a PickleError naming it. At most 2 million objects, and at most five dimensions a tensor.
 [[nodiscard]] Pickle read_pickle(std::span<const std::byte> bytes);
+
+/// What an opaque object is of, for a message: "argparse.Namespace".
+[[nodiscard]] std::string class_name(const Pickle& pickle, const PickleObject& opaque);
 
 }  // namespace slide

@@ -18,6 +18,7 @@
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
 #include "weights_tools/convert.h"
+#include "weights_tools/prefix.h"
 
 namespace {
 
@@ -47,7 +48,13 @@ bool show_progress(const slide::Progress& progress) {
 
 void run(const Arguments& arguments) {
   using namespace slide;
-  const std::unique_ptr<WeightReader> reader = open_weights(arguments.file, arguments.key);
+  std::unique_ptr<WeightReader> reader = open_weights(arguments.file, arguments.key);
+  if (arguments.model != "any")
+    if (const std::string prefix = needless_prefix(*reader, arguments.model); !prefix.empty()) {
+      std::fprintf(stderr, "slide_convert: %s: all names begin with \"%s\"; the tensors fit without it\n",
+                   arguments.file.c_str(), prefix.c_str());
+      reader = without_prefix(std::move(reader), prefix);
+    }
   if (arguments.list) std::fputs(listing(*reader).c_str(), stdout);
   if (arguments.verify) std::puts(verify(*reader).c_str());
   if (arguments.output.empty()) return;

@@ -369,6 +369,36 @@ TEST_CASE("a header longer than the format allows, or than the file, is refused 
   CHECK(with_length(2) == "accepted");
 }
 
+TEST_CASE("a well-known kind of file that is none is called what it is, with what to do") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("w");
+  const auto message_of = [&](const std::string& contents) -> std::string {
+    write_bytes(path, std::as_bytes(std::span(contents)));
+    try {
+      static_cast<void>(SafetensorsFile::open(path));
+    } catch (const Error& e) {
+      return e.what();
+    }
+    return "accepted";
+  };
+  using namespace std::string_literals;
+  CHECK(message_of("\n<!DOCTYPE HTML><html><head>").starts_with(path + ": this is a web page (the server"));
+  CHECK(message_of("<HTML><title>").starts_with(path + ": this is a web page"));
+  CHECK(message_of("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a")
+            .starts_with(path + ": this is a Git LFS pointer (the data is not in the clone: get it with"));
+  CHECK(message_of("pack/" + std::string(252, '\0') + "ustar\0"s).find("a tar archive (unpack") !=
+        std::string::npos);
+  CHECK(message_of("\x1F\x8B\x08\0\0\0\0\0\0\x03"s).find("a gzip archive (unpack") != std::string::npos);
+  CHECK(message_of("\x08\x07\x12\x07pytorch\x1A\x05"
+                   "2.1.0")
+            .find("an ONNX model (give the") != std::string::npos);
+  CHECK(message_of("PK\3\4\0\0\0\0archive/data.pkl"s).find("slide_convert reads those") != std::string::npos);
+  CHECK(message_of("\x89HDF\r\n\x1A\n" + std::string(100, '\0')).find("an HDF5 file") != std::string::npos);
+  // A header as long as gzip's first bytes say is none of it.
+  const std::string header = "{" + std::string(0x8B1F - 2, ' ') + "}";
+  CHECK(message_of("\x1F\x8B\0\0\0\0\0\0"s + header) == "accepted");
+}
+
 TEST_CASE("what is not a regular file cannot be opened as weights") {
   const TemporaryFolder folder;
   CHECK_THROWS_WITH_AS(SafetensorsFile::open(folder.file("none")), doctest::Contains("No such file"), Error);

@@ -1,4 +1,5 @@
 #include "weights_tools/convert.h"
+#include "weights_tools/prefix.h"
 
 #include <doctest/doctest.h>
 
@@ -38,6 +39,12 @@ class List : public WeightReader {
   std::string path_ = "w.pt";
 };
 
+std::unique_ptr<WeightReader> list_of(const std::vector<TensorInfo>& tensors) {
+  auto list = std::make_unique<List>();
+  list->list = tensors;
+  return list;
+}
+
 std::vector<TensorInfo> parameters_of(std::string_view model) {
   graphs::BuildOptions options;
   options.height = options.width = 256;
@@ -70,6 +77,22 @@ TEST_CASE("each model is recognised by the names and shapes of its tensors") {
     const Detection unsaid = detect_model(list);
     CHECK((unsaid.model == model.name || unsaid.detail.find(std::string(model.name)) != std::string::npos));
   }
+}
+
+TEST_CASE("a prefix that all names share is needless if the tensors fit without it") {
+  List list;
+  list.list = parameters_of("u2netp");
+  CHECK(needless_prefix(list, "").empty());
+  for (TensorInfo& info : list.list) info.name = "module.net." + info.name;
+  CHECK(needless_prefix(list, "") == "module.net.");
+  CHECK(needless_prefix(list, "u2netp") == "module.net.");
+  CHECK(needless_prefix(list, "fba").empty());
+  const std::string first = list.list.front().name;
+  const auto shorter = without_prefix(list_of(list.list), "module.");
+  CHECK("module." + shorter->tensors().front().name == first);
+  CHECK(detect_model(*without_prefix(list_of(list.list), "module.net.")).model == "u2netp");
+  list.list.front().name = "other." + first;
+  CHECK(needless_prefix(list, "").empty());
 }
 
 TEST_CASE("tensors that only the authors' files hold are expected, and models that fit alike are told") {
