@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "graphs/edges.h"
 #include "graphs/fba.h"
 #include "graphs/inpaint_coarse.h"
 #include "graphs/inpaint_deepfill.h"
@@ -19,6 +20,7 @@
 #include "ops/layering/distance_transform.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
+#include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
 #include "ops/resize/resize.h"
 #include "ops/tensor_shape/tensor_shape.h"
@@ -103,11 +105,20 @@ Value slide_sized(Value image) {
 /// Such a photo as the networks take it, in [-1, 1].
 Value slide_preprocess(Value sized) { return ops::affine(sized, 2, -1); }
 
+/// y, kept between the extremes of the 3×3 pixels of `coarse` around each place: a guided filter overshoots.
+Value within_neighbours(Value y, Value coarse) {
+  const ops::PoolParams window{.kernel = {3, 3}, .stride = {1, 1}, .padding = {1, 1, 1, 1}};
+  const auto enlarged = [&](Value x) { return ops::resize_bilinear(x, y.shape()[2], y.shape()[3], false); };
+  const Value low = enlarged(ops::affine(ops::max_pool2d(ops::affine(coarse, -1, 0), window), -1, 0));
+  const Value high = enlarged(ops::max_pool2d(coarse, window));
+  return ops::minimum(ops::maximum(y, low), high);
+}
+
 /// slide_depth's disparity, its edges brought onto the photo's: in [0, 1].
 Value slide_disparity(Value image) {
   const Value sized = slide_sized(image);
   const Value coarse = ops::min_max_normalise(slide_depth(slide_preprocess(sized)));
-  return ops::clip(ops::guided_upsample(coarse, sized, image, kDepthGuideRadius, kGuideEps), 0, 1);
+  return within_neighbours(ops::guided_upsample(coarse, sized, image, kDepthGuideRadius, kGuideEps), coarse);
 }
 
 /// slide_matte's matte, in the same way.
@@ -120,6 +131,7 @@ Value slide_photo_matte(Value image) {
 }  // namespace
 
 Value estimate_disparity(Value image, const NetworkChoice& network) {
+  const auto sharpened = [&](Value d) { return sharpen_edges(ops::min_max_normalise(d), image); };
   const ImageSize size = size_of_image(image);
   Value inverse_depth = image;
   if (network.model == "midas_v21")
@@ -127,10 +139,10 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
   else if (network.model == "midas_v21_small")
     inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
   else if (network.model == "slide_depth")
-    return ops::min_max_normalise(slide_disparity(image));
+    return sharpened(slide_disparity(image));
   else
     throw wrong_model(network, "depth", "slide_depth, midas_v21, midas_v21_small");
-  return ops::min_max_normalise(midas_postprocess(inverse_depth, size));
+  return sharpened(midas_postprocess(inverse_depth, size));
 }
 
 Value estimate_matte(Value image, const NetworkChoice& network) {

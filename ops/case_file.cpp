@@ -7,6 +7,7 @@
 #include "ops/case_attributes.h"
 #include "ops/conv2d/conv2d.h"
 #include "ops/conv2d/gated_conv2d.h"
+#include "ops/edges/median.h"
 #include "ops/fill/fill.h"
 #include "ops/fill/mirror.h"
 #include "ops/guided/guided.h"
@@ -192,6 +193,7 @@ constexpr Entry kEntries[] = {
        const std::int64_t radius = c.integer("radius", 0, INT64_MAX);
        return guided_coefficients(c.input("guide"), c.input("x"), radius, c.number("eps"));
      }},
+    {"median", [](CaseArguments& c) { return median(c.input("x"), c.integer("radius", 0, 1024)); }},
     {"sobel", [](CaseArguments& c) { return sobel(c.input("x")); }},
     {"cone_dilation",
      [](CaseArguments& c) {

@@ -6,6 +6,7 @@
 
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
+#include "ops/edges/median_op.h"
 #include "ops/fill/fill_op.h"
 #include "ops/fill/mirror_op.h"
 #include "ops/guided/guided_op.h"
@@ -109,6 +110,7 @@ Json attributes_of(const Op& op, const Shape& output) {
   if (const auto* o = as<WeightStandardiseOp>(op)) return {{"eps", o->eps()}};
   if (const auto* o = as<GaussianBlurOp>(op)) return {{"sigma", o->sigma()}};
   if (const auto* o = as<ConeDilationOp>(op)) return {{"rho", o->rho()}, {"radius", o->radius()}};
+  if (const auto* o = as<MedianOp>(op)) return {{"radius", o->radius()}};
   if (const auto* o = as<PushPullFillOp>(op)) return {{"sweeps", o->sweeps()}};
   if (const auto* o = as<GuidedCoefficientsOp>(op)) return {{"radius", o->radius()}, {"eps", o->eps()}};
   if (as<ReshapeOp>(op) != nullptr) {

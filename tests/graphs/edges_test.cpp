@@ -1,0 +1,97 @@
+#include "graphs/edges.h"
+
+#include <doctest/doctest.h>
+
+#include <algorithm>
+#include <cmath>
+
+#include "runtime/fast_executor.h"
+#include "runtime/reference_executor.h"
+
+using namespace slide;
+using namespace slide::graphs;
+
+namespace {
+
+constexpr std::int64_t kHeight = 60;
+constexpr std::int64_t kWidth = 480;  // windows of 3, 7 and 17 pixels
+
+/// A 1×channels×kHeight×kWidth tensor of f(x).
+template <typename F>
+Tensor columns(std::int64_t channels, const F& f) {
+  Tensor t(DType::kF32, {1, channels, kHeight, kWidth});
+  const auto values = t.mutable_data<float>();
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = static_cast<float>(f(static_cast<double>(i % kWidth)));
+  return t;
+}
+
+Tensor sharpened(const Tensor& disparity, const Tensor& image) {
+  Graph g;
+  g.output("D", sharpen_edges(g.input("d", disparity.shape()), g.input("image", image.shape())));
+  FastExecutor run(g, WeightMap());
+  run.run({{"d", disparity}, {"image", image}});
+  return run.tensor("D").clone();
+}
+
+/// From 0.2 to 0.8 over `width` pixels around `middle`, steepest there.
+double ramp(double x, double middle, double width) {
+  const double t = std::clamp((x - middle) / width + 0.5, 0.0, 1.0);
+  return 0.2 + 0.6 * t * t * (3 - 2 * t);
+}
+
+/// Where a row first is over one half.
+std::int64_t crossing(const Tensor& d) {
+  const float* row = d.data<float>().data() + kHeight / 2 * kWidth;
+  return std::find_if(row, row + kWidth, [](float v) { return v > 0.5F; }) - row;
+}
+
+const auto kGrey = [](double /*x*/) { return 0.5; };
+
+}  // namespace
+
+TEST_CASE("a ramp of a few pixels becomes a jump, at its middle where the photo shows nothing") {
+  const Tensor d = sharpened(columns(1, [](double x) { return ramp(x, 239.5, 8); }), columns(3, kGrey));
+  for (std::int64_t i = 0; i < kHeight; ++i)
+    for (std::int64_t j = 0; j < kWidth; ++j)
+      REQUIRE(d.data<float>()[static_cast<std::size_t>(i * kWidth + j)] ==
+              doctest::Approx(j < 240 ? 0.2 : 0.8).epsilon(1e-6));
+}
+
+TEST_CASE("the jump moves onto the photo's edge from up to four pixels away") {
+  for (const double edge : {236.0, 238.0, 242.0, 244.0}) {
+    CAPTURE(edge);
+    const Tensor d = sharpened(columns(1, [](double x) { return ramp(x, 239.5, 8); }),
+                               columns(3, [&](double x) { return x < edge ? 0.2 : 0.7; }));
+    CHECK(crossing(d) == static_cast<std::int64_t>(edge));
+  }
+}
+
+TEST_CASE("a smooth slope stays what it is, whatever the photo shows") {
+  // 0.03 over the widest window of 17 pixels would count as a slope still; this is half of that.
+  const Tensor slope = columns(1, [](double x) { return 0.1 + 0.015 * x / 16; });
+  const Tensor d = sharpened(slope, columns(3, [](double x) { return x < 200 ? 0.1 : 0.9; }));
+  for (std::int64_t j = 8; j < kWidth - 8; ++j) {
+    const auto at = static_cast<std::size_t>(kHeight / 2 * kWidth + j);
+    REQUIRE(d.data<float>()[at] == slope.data<float>()[at]);
+  }
+}
+
+TEST_CASE("no value leaves the range of its surroundings") {
+  const Tensor d = sharpened(columns(1, [](double x) { return ramp(x, 100, 30) - ramp(x, 300, 3) + 0.2; }),
+                             columns(3, [](double x) { return 0.5 + 0.5 * std::sin(x * x); }));
+  for (const float v : d.data<float>()) REQUIRE((v >= 0.2F - 1e-6F && v <= 0.8F + 1e-6F));
+  // Far from both jumps nothing changes.
+  CHECK(d.data<float>()[kHeight / 2 * kWidth + 200] == doctest::Approx(0.8).epsilon(1e-6));
+  CHECK(d.data<float>()[kHeight / 2 * kWidth + 400] == doctest::Approx(0.2).epsilon(1e-6));
+}
+
+TEST_CASE("float32 and float64 sharpen alike") {
+  const Tensor disparity = columns(1, [](double x) { return ramp(x, 101.3, 9); });
+  const Tensor image = columns(3, [](double x) { return 0.5 + 0.3 * std::tanh(x - 103); });
+  Graph g;
+  g.output("D", sharpen_edges(g.input("d", disparity.shape()), g.input("image", image.shape())));
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"d", disparity}, {"image", image}});
+  CHECK(max_abs_difference(run.tensor("D"), sharpened(disparity, image)) <= 1e-6);
+}
