@@ -1,5 +1,7 @@
 #include "render/export.h"
 
+#include <algorithm>
+#include <cmath>
 #include <optional>
 
 #include "render/camera_path.h"
@@ -29,6 +31,29 @@ DrawnMeshes meshes_of(const ViewRenderer& renderer, const Layers& layers, const 
   return {renderer.triangle_count(), 2 * cells * (layers.background ? 2 : 1)};
 }
 
+constexpr double kFps = 30;
+constexpr double kGifFps = 15;
+constexpr int kGifSide = 480;
+
+/// The options of a GIF: small unless asked otherwise.
+ExportOptions gif_options(ExportOptions o, const Camera& camera) {
+  const double scale = std::min(1.0, static_cast<double>(kGifSide) / std::max(camera.width, camera.height));
+  const auto scaled = [scale](int side) { return std::max(1, static_cast<int>(std::lround(side * scale))); };
+  if (o.width == 0) {
+    o.width = scaled(camera.width);
+    o.height = scaled(camera.height);
+  }
+  return o;
+}
+
+/// Of views that are 1/30 s apart those that are 1/15 s apart.
+std::vector<View> gif_views(const std::vector<View>& views) {
+  constexpr auto kStep = static_cast<std::size_t>(kFps / kGifFps);
+  std::vector<View> kept;
+  for (std::size_t i = 0; i < views.size(); i += kStep) kept.push_back(views[i]);
+  return kept;
+}
+
 RenderOptions render_options(const ExportOptions& o, const Camera& camera) {
   return {.width = o.width > 0 ? o.width : camera.width,
           .height = o.height > 0 ? o.height : camera.height,
@@ -45,7 +70,7 @@ DrawnMeshes export_frames(const std::string& path, const Layers& layers, const C
   const RenderOptions size = render_options(options, camera);
   ViewRenderer renderer = make_renderer(layers, camera, shown, options.mesh_tolerance);
   const std::unique_ptr<FrameSink> sink = make_frame_sink(path);
-  sink->begin({size.width, size.height, options.fps, static_cast<int>(shown.size())});
+  sink->begin({size.width, size.height, options.fps.value_or(kFps), static_cast<int>(shown.size())});
   Image frame;
   for (std::size_t i = 0; i < shown.size(); ++i) {
     if (options.progress) options.progress(static_cast<double>(i) / static_cast<double>(shown.size()));
@@ -79,7 +104,11 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
     write_glb(path, layers, camera, {.parallax = largest_parallax(camera, views)});
     return {};
   }
-  return export_frames(path, layers, camera, views, options);
+  if (extension != ".gif") return export_frames(path, layers, camera, views, options);
+  ExportOptions small = gif_options(options, camera);
+  if (options.fps) return export_frames(path, layers, camera, views, small);
+  small.fps = kGifFps;
+  return export_frames(path, layers, camera, gif_views(views), small);
 }
 
 StereoKind stereo_kind(const std::string& name) {

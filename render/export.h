@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <functional>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -17,7 +18,9 @@ struct ExportOptions {
   double focus = 0.5;              ///< the disparity that stands still in a page and in a still
   int width = 0;                   ///< of frames and stills; 0: the photo's. The two go together.
   int height = 0;
-  double fps = 30;                       ///< of animations
+  /// Of animations; the views are meant to be 1/30 s apart if there is none. A GIF without it has the views
+  /// that are 1/15 s apart, and one without a size at most 480 pixels a side: its frames are large.
+  std::optional<double> fps;
   double mesh_tolerance = 0.1;           ///< pixels; 0: one vertex a pixel
   bool supersample = false;              ///< average 2×2 samples
   bool keep_edges = false;               ///< do not zoom in to hide the photo's edge

@@ -11,9 +11,10 @@
 namespace slide {
 
 /// An endless GIF89a animation. One palette of 255 colours serves all frames, and the dither depends on
-/// colour and place only (render/palette.h), so nothing flickers; pixels that keep their colour from the
-/// frame before are left transparent where that makes the frame smaller. Frames wait in a temporary file
-/// until the last one is known.
+/// colour and place only (render/palette.h), so nothing flickers; pixels that nearly keep their colour
+/// from the frame before are left transparent, and strings that LZW already knows stand for nearly equal
+/// ones: a pixel's squared error grows by at most 150 by that. Frames wait in a temporary file until the last
+/// one is known.
 ///
 /// GIF counts time in 1/100 s and viewers slow down what is shown for less than 2/100: at most 50 frames per
 /// second (Error(kUsage) above), each shown for 2 or more, so that the whole lasts as long as it should. At

@@ -87,7 +87,7 @@ std::unique_ptr<slide_photo> create(const slide::Image& colour, const slide::Ima
       photo->camera, {.parallax_percent = s.parallax_percent, .focus = s.focus, .frames = s.frames});
   photo->export_options.parallax_percent = s.parallax_percent;
   photo->export_options.focus = s.focus;
-  photo->export_options.fps = s.fps;
+  if (s.fps != 0) photo->export_options.fps = s.fps;
   slide::graphs::SlideInput input;
   input.image = slide::tensor_from_image(reduced);
   if (!disparity.empty())
@@ -115,7 +115,7 @@ void slide_settings_init(slide_settings* settings) {
                .far_depth = 10,
                .max_side = 1536,
                .frames = 60,
-               .fps = 30,
+               .fps = 0,
                .memory_limit = 0,
                .depth_weights = nullptr,
                .inpaint_weights = nullptr,

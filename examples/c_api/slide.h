@@ -42,7 +42,7 @@ typedef struct slide_settings {
   double far_depth;            /* of disparity 0; default 10 */
   int max_side;                /* larger photos are reduced to this, 16 to 16384; default 1536 */
   int frames;                  /* of an animation; default 60 */
-  double fps;                  /* default 30 */
+  double fps;                  /* 0 (default): 30; a GIF has every second frame, at 15 */
   size_t memory_limit;         /* bytes for a stage; 0 (default): none */
   const char* depth_weights;   /* a safetensors file; NULL (default): the weights inside the library */
   const char* inpaint_weights; /* likewise; "fill": the depth-aware fill alone, no network */

@@ -180,7 +180,8 @@ class Job {
   }
 
   [[nodiscard]] ExportOptions export_options(const std::string& output) const {
-    const auto [width, height] = parse_size(options_.size, report_.width, report_.height);
+    const auto [width, height] =
+        options_.size.empty() ? std::pair(0, 0) : parse_size(options_.size, report_.width, report_.height);
     return {.title = fs::path(input_).stem().string(),
             .parallax_percent = options_.parallax,
             .focus = options_.focus,

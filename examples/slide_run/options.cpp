@@ -106,12 +106,12 @@ void declare_path(CLI::App& app, Options& o) {
       ->group(group)
       ->check(CLI::Range(1, 100000))
       ->capture_default_str();
-  app.add_option("--fps", o.fps, "Frames per second")
+  app.add_option("--fps", o.fps, "Frames per second. Default: 30; a GIF has every second frame, at 15")
       ->group(group)
-      ->check(CLI::Range(0.1, 1000.0))
-      ->capture_default_str();
-  app.add_option("--size", o.size,
-                 "Size of the frames: WIDTHxHEIGHT, or the longer side. Default: the photo's")
+      ->check(CLI::Range(0.1, 1000.0));
+  app.add_option(
+         "--size", o.size,
+         "Size of the frames: WIDTHxHEIGHT, or the longer side. Default: the photo's, for a GIF at most 480")
       ->group(group);
   app.add_flag("--keep-edges", o.keep_edges,
                "Do not zoom in to hide the photo's edge where the camera moves past it")

@@ -39,7 +39,7 @@ struct Options {
   double parallax = 4;
   double focus = 0.5;
   int frames = 60;
-  double fps = 30;
+  std::optional<double> fps;
   std::string size;
   bool keep_edges = false;
 

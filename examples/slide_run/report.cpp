@@ -3,14 +3,27 @@
 #include <sys/resource.h>
 #include <unistd.h>
 
+#include <array>
 #include <cmath>
 #include <cstdio>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 namespace slide::run {
 namespace {
 
 double mebibytes(std::size_t bytes) { return static_cast<double>(bytes) / 1048576; }
+
+/// " (1.2 MB)" for a file, nothing for a folder or a pipe.
+std::string file_size(const std::string& path) {
+  std::error_code failure;
+  if (!std::filesystem::is_regular_file(path, failure)) return "";
+  const auto bytes = static_cast<double>(std::filesystem::file_size(path, failure));
+  std::array<char, 32> text{};
+  std::snprintf(text.data(), text.size(), bytes < 1e6 ? " (%.0f kB)" : " (%.1f MB)",
+                bytes / (bytes < 1e6 ? 1e3 : 1e6));
+  return failure ? "" : text.data();
+}
 
 void explain(const JobReport& r) {
   const graphs::SlideReport& s = r.slide;
@@ -131,7 +144,8 @@ void print_summary(const JobReport& r, bool explained) {
     else
       std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
   if (explained) explain(r);
-  for (const std::string& output : r.outputs) std::fprintf(stderr, "wrote %s\n", output.c_str());
+  for (const std::string& output : r.outputs)
+    std::fprintf(stderr, "wrote %s%s\n", output.c_str(), file_size(output).c_str());
 }
 
 void print_json(const std::vector<JobReport>& reports) {

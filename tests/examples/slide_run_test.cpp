@@ -272,6 +272,44 @@ TEST_CASE("no output replaces an input, and each -o takes one name") {
   CHECK(fs::exists(folder.file("x.html")));
 }
 
+TEST_CASE("a GIF is small unless a size or a rate is asked for") {
+  const TemporaryFolder folder;
+  write_png(folder.file("p.png"), Image(640, 320, 3, 0.5F));
+  write_pfm(folder.file("d.pfm"), Image(640, 320, 1, 0.5F));
+  struct Gif {
+    int width, height, frames, delay;
+  };
+  const auto made = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> call = {
+        folder.file("p.png"), "--depth", folder.file("d.pfm"), "-o", folder.file("g.gif"), "--frames", "6"};
+    call.insert(call.end(), more.begin(), more.end());
+    const ProgramResult result = slide_run(call);
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    CHECK(contains(result.errors, "g.gif ("));
+    std::ifstream file(folder.file("g.gif"), std::ios::binary);
+    const std::string bytes{std::istreambuf_iterator<char>(file), {}};
+    const auto u16 = [&](std::size_t at) {
+      return static_cast<unsigned char>(bytes[at]) + 256 * static_cast<unsigned char>(bytes[at + 1]);
+    };
+    Gif gif{u16(6), u16(8), 0, 0};
+    const std::string control = "\x21\xF9\x04";
+    for (std::size_t at = bytes.find(control); at != std::string::npos; at = bytes.find(control, at + 1)) {
+      ++gif.frames;
+      if (gif.delay == 0) gif.delay = u16(at + 4);
+    }
+    return gif;
+  };
+  const Gif small = made({});
+  CHECK(small.width == 480);
+  CHECK(small.height == 240);
+  CHECK(small.frames == 3);
+  CHECK(small.delay == 7);  // hundredths, of a 15th
+  const Gif asked = made({"--size", "640", "--fps", "25"});
+  CHECK(asked.width == 640);
+  CHECK(asked.frames == 6);
+  CHECK(asked.delay == 4);
+}
+
 TEST_CASE("stereo stills have the shape they should") {
   const TemporaryFolder folder;
   const Scene scene(folder);
