@@ -7,6 +7,7 @@
 #include "ops/pointwise/pointwise.h"
 #include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
+#include "ops/resize/resize.h"
 #include "runtime/shape.h"
 
 namespace slide::graphs {
@@ -67,6 +68,19 @@ struct Surroundings {
   }
 };
 
+/// The mean over 2·radius + 1 pixels and more, at any radius in constant time: of cells of about a quarter of
+/// the radius, over the cells of the window, enlarged bilinearly.
+Value smooth_mean(Value x, std::int64_t radius) {
+  const std::int64_t cell = std::max<std::int64_t>(1, radius / 4);
+  const Value cells = ops::avg_pool2d(
+      x, {.kernel = {cell, cell}, .stride = {cell, cell}, .ceil_mode = true, .count_include_pad = false});
+  const Value mean = ops::avg_pool2d(cells, window(radius / cell));
+  const auto scale = static_cast<double>(cell);
+  return ops::resize(mean, {.mode = ops::ResizeMode::kLinear,
+                            .size = {x.shape()[2], x.shape()[3]},
+                            .scale = std::array<double, 2>{scale, scale}});
+}
+
 Value sum_of_planes(Value x) { return ops::affine(ops::reduce_mean(x, {1}), 3, 0); }
 
 /// Mean colour and variance, summed over the channels, of the pixels of a window, each with its weight.
@@ -77,9 +91,9 @@ struct SideColours {
   SideColours(Value image, Value squares, Value weight, std::int64_t radius)
       : mean(image), variance(squares), share(weight) {
     const Value w = ops::affine(weight, 1, kLeastWeight);
-    share = ops::avg_pool2d(w, window(radius));
-    mean = ops::div(ops::avg_pool2d(ops::mul(image, w), window(radius)), share);
-    variance = ops::sub(ops::div(ops::avg_pool2d(ops::mul(squares, w), window(radius)), share),
+    share = smooth_mean(w, radius);
+    mean = ops::div(smooth_mean(ops::mul(image, w), radius), share);
+    variance = ops::sub(ops::div(smooth_mean(ops::mul(squares, w), radius), share),
                         sum_of_planes(ops::mul(mean, mean)));
   }
 };

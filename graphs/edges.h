@@ -12,7 +12,8 @@ namespace slide::graphs {
 ///      both (contrast enhancement; Kramer and Bruckner, "Iterations of a non-linear transformation for
 ///      enhancement of digital images", 1975), by the part t = smoothstep((hi - lo - 0.03) / 0.03): a jump
 ///      becomes steep, a smooth slope stays what it is.
-///   3. Over 2·round(W/60) + 1 pixels with extremes lo and hi, a pixel is near where D > (lo + hi)/2; c_n and
+///   3. Over about 2·round(W/60) + 1 pixels (means are taken of cells) with extremes lo and hi, a pixel is
+///   near where D > (lo + hi)/2; c_n and
 ///      c_f are the mean colours of the near and of the far pixels, each weighted with its t, v_n and v_f
 ///      their variances, s the near ones' share of the weight. The pixel I becomes hi where
 ///        (|I - c_f|² - |I - c_n|²) / (|c_n - c_f|² + v_n + v_f + 0.002) + 2·s - 1 ± 0.1 > 0
