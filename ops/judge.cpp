@@ -156,7 +156,8 @@ Judgement judge(const OperatorCase& c, const Tensor& actual, Unit unit, std::opt
   const UnitFacts& facts = facts_of(unit);
   if (unit == Unit::kInt8) level(values.scale);
   const double sums = std::max(values.terms + 2, values.factor) * kFloatRoundoff / facts.roundoff;
-  result.factor = factor.value_or(unit == Unit::kFp32 ? sums : 3 + sums);
+  const double usual = unit == Unit::kFp32 ? sums : 3 + sums;
+  result.factor = factor.value_or(usual);
   const Tensor wide = actual.to(DType::kF64);
   const std::span<const double> y = wide.data<double>();
   const std::span<const double> y64 = values.y64.data<double>();
@@ -189,6 +190,8 @@ Judgement judge(const OperatorCase& c, const Tensor& actual, Unit unit, std::opt
   // Roundings of 0.3 u each; of the sum's, on the way to its n terms, a third.
   const double roundings = unit == Unit::kFp32 ? values.terms / 3 + 1 : 3 / std::max(1.0, values.terms);
   result.expected_rms = 0.3 * facts.roundoff * std::sqrt(roundings * predicted / size);
+  const double flushed = std::sqrt(static_cast<double>(y.size()) / size) * 0x1p-126;
+  result.rms_limit = kRmsAllowance * std::max(1.0, result.factor / usual) * result.expected_rms + flushed;
   result.patterns = patterns_of({c, values.y64, wide, wrong});
   return result;
 }
@@ -203,8 +206,8 @@ std::string text_of(const Judgement& j) {
   std::string result = text;
   if (j.first) result += "first: " + text_of(*j.first) + "\n";
   if (j.worst) result += "worst: " + text_of(*j.worst) + "\n";
-  std::snprintf(text, sizeof text, "rms error %.2e, independent roundings would make about %.2e\n", j.rms,
-                j.expected_rms);
+  std::snprintf(text, sizeof text, "rms error %.2e, independent roundings would make about %.2e%s\n", j.rms,
+                j.expected_rms, j.rms <= j.rms_limit ? "" : ": too large");
   result += text;
   for (const std::string& pattern : j.patterns) result += "pattern: " + pattern + "\n";
   return result;

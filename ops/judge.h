@@ -37,7 +37,8 @@ struct WrongElement {
 };
 
 /// How a result fares against a case, element by element:
-///     |actual - y64| <= factor · u · scale + max(factor, 1) · 2^-126.
+///     |actual - y64| <= factor · u · scale + max(factor, 1) · 2^-126,
+/// and as a whole, by its rms error.
 struct Judgement {
   std::string problem;  ///< why nothing could be compared: the shapes; else empty
   std::int64_t elements = 0, wrong = 0;
@@ -45,11 +46,17 @@ struct Judgement {
   double of_bound = 0;      ///< the largest quotient of both sides
   double rms = 0;           ///< of actual - y64, relative to that of y64, over finite elements
   double expected_rms = 0;  ///< what roundings that are independent of each other would make of it
+  double rms_limit = 0;     ///< what `rms` may be: see kRmsAllowance
   std::optional<WrongElement> first, worst;
   std::vector<std::string> patterns;  ///< what the wrong elements have in common, one clause each
 
-  [[nodiscard]] bool passed() const noexcept { return problem.empty() && wrong == 0; }
+  [[nodiscard]] bool passed() const noexcept { return problem.empty() && wrong == 0 && rms <= rms_limit; }
 };
+
+/// An rms error may be this times what independent roundings would make. The bound of an element, which
+/// allows for the worst case, does not see a constant that is wrong in its fifth digit; the rms error does.
+/// If errors larger than the default's are asked for (`factor`), it is allowed to grow alike.
+inline constexpr double kRmsAllowance = 16;
 
 /// @param factor  c of the bound; by default what the unit's rounding of inputs and result (3) and the sum of
 ///                the operator's terms in float32, in any order, may cost

@@ -6,8 +6,12 @@
 #include <cmath>
 #include <limits>
 
+#include "ops/case_file.h"
+#include "ops/check.h"
 #include "ops/npy.h"
+#include "runtime/cpu.h"
 #include "runtime/error.h"
+#include "runtime/plan.h"
 #include "tests/temporary_folder.h"
 
 using namespace slide;
@@ -176,4 +180,63 @@ TEST_CASE("an array of NumPy's is read, and what is none is refused by name") {
         "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3\n", "{'descr': '<f4', 'shape': (2, 3)}", ""})
     CHECK_THROWS_AS(write(header, 24), Error);
   CHECK_THROWS_AS((void)ops::read_npy(folder.file("none")), Error);
+}
+
+TEST_CASE("every float32 kernel of this build is judged right on the shipped cases, by its rms error, too") {
+  double largest = 0;
+  int judged = 0;
+  for (const char* folder : {SLIDE_TEST_DATA "/onnx_cases", SLIDE_TEST_DATA "/operator_cases"})
+    for (const std::string& file : ops::case_files(folder)) {
+      const ops::OperatorCase c = ops::read_case(file);
+      Graph graph;
+      std::vector<std::pair<std::string, Value>> inputs;
+      for (const auto& [name, tensor] : c.inputs)
+        inputs.emplace_back(name, graph.input(name, tensor.shape()));
+      const Node& node = graph.node(ops::build_case(c.op, c.attributes, inputs).node());
+      const bool single = std::ranges::count(graph.nodes(), NodeKind::kOp, &Node::kind) == 1;
+      if (!single || node.inputs.size() != c.inputs.size()) continue;
+      std::vector<Tensor> arguments;
+      std::vector<Shape> shapes;
+      for (const int j : node.inputs) {
+        const auto found =
+            std::ranges::find(c.inputs, graph.node(j).name, &std::pair<std::string, Tensor>::first);
+        arguments.push_back(found->second);
+        shapes.push_back(found->second.shape());
+      }
+      const ops::KernelTask task = ops::make_task(*node.op, arguments);
+      for (const Kernel* kernel : node.op->kernels()) {
+        if (kernel->precision() != Precision::kFp32 || !runs_at(kernel->isa(), detected_isa()) ||
+            !kernel->supports(*node.op, shapes, node.shape))
+          continue;
+        const ops::KernelCheck check = ops::check_kernel(*kernel, task);
+        const Judgement j = ops::judge(c, check.output, Unit::kFp32);
+        INFO(file, " ", check.kernel, "\n", ops::text_of(j));
+        CHECK(j.passed());
+        if (j.rms > 0) largest = std::max(largest, j.rms / j.rms_limit);
+        ++judged;
+      }
+    }
+  CHECK(judged > 300);
+  CHECK(largest > 0.1);  // or the limit would hold nobody to anything
+}
+
+TEST_CASE("a constant that is wrong in its fifth digit keeps every bound, but not the rms error's") {
+  Sums s = sums_of(4608, 1, 3, 5);
+  Tensor x = s.c.inputs[0].second;
+  Tensor weight = s.c.inputs[1].second;
+  for (float& v : x.mutable_data<float>()) v = std::fabs(v);  // nothing cancels
+  for (float& v : weight.mutable_data<float>()) v = std::fabs(v);
+  for (std::size_t i = 0; i < s.y.size(); ++i) {
+    double sum = static_cast<double>(s.c.inputs[2].second.data<float>()[0]);
+    for (std::size_t k = 0; k < 4608; ++k)
+      sum += static_cast<double>(weight.data<float>()[k]) * static_cast<double>(x.data<float>()[k * 15 + i]);
+    s.y[i] = static_cast<float>(sum);
+  }
+  CHECK(judged(s).passed());
+  for (float& v : s.y) v *= 1 + 2e-5F;
+  const Judgement j = judged(s);
+  CHECK(j.wrong == 0);
+  CHECK_FALSE(j.passed());
+  CHECK(says(j, "WRONG: 0 of 15 elements"));
+  CHECK(says(j, ": too large"));
 }
