@@ -4,7 +4,6 @@
 #include <cstdio>
 #include <iostream>
 #include <memory>
-#include <new>
 #include <optional>
 #include <string>
 #include <vector>
@@ -22,6 +21,7 @@
 #include "runtime/cpu.h"
 #include "runtime/error.h"
 #include "runtime/error_model.h"
+#include "runtime/program.h"
 #include "runtime/safetensors.h"
 #include "runtime/threads.h"
 
@@ -56,6 +56,8 @@ graphs::Golden open_golden(const std::string& path) {
 
 int check_operators(const Arguments& a) {
   const std::vector<ops::CheckedFile> files = ops::check_files(a.cases, active_isa());
+  for (const ops::CheckedFile& file : files)
+    if (!file.check) std::cerr << "slide_check: " << file.error << "\n";
   std::cout << (a.json ? ops::json_of(files) : ops::table_of(files));
   return ops::exit_code(files);
 }
@@ -187,22 +189,13 @@ int run(CLI::App& app, int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
+  return run_program("slide_check", [&] {
     CLI::App app(
         "Checks operators and networks of this build: float64 definitions against expected numbers, kernels "
         "against the definitions, in units of their stated bounds.\n"
         "Exit codes: 0 all within bounds, 1 something is not, 2 usage, 3 bad input file, 4 bad weights, 5 "
         "out "
-        "of memory, 6 internal.");
+        "of memory, 6 internal, 7 the report could not be written.");
     return run(app, argc, argv);
-  } catch (const Error& e) {
-    std::cerr << "slide_check: " << e.what() << "\n";
-    return exit_code(e.kind());
-  } catch (const std::bad_alloc&) {
-    std::cerr << "slide_check: memory ran out\n";
-    return exit_code(ErrorKind::kOutOfMemory);
-  } catch (const std::exception& e) {
-    std::cerr << "slide_check: internal error: " << e.what() << "\n";
-    return exit_code(ErrorKind::kInternal);
-  }
+  });
 }

@@ -140,12 +140,9 @@ std::string table_of(const std::vector<CheckedFile>& files) {
   TextTable table({"", "vs expected", "vs float64", "of bound", ""}, {kLeft, kRight, kRight, kRight, kLeft});
   for (const CheckedFile& f : files)
     if (f.check) add_rows(table, f);
-  std::string errors;
-  for (const CheckedFile& f : files)
-    if (!f.check) errors += "error: " + f.error + "\n";
   const bool checked =
       std::any_of(files.begin(), files.end(), [](const CheckedFile& f) { return f.check.has_value(); });
-  return (checked ? table.text() : "") + errors + summary_of(files);
+  return (checked ? table.text() : "") + summary_of(files);
 }
 
 std::string json_of(const std::vector<CheckedFile>& files) {

@@ -25,7 +25,8 @@ struct CheckedFile {
 /// not be checked; the exit code of the first error if none could.
 [[nodiscard]] int exit_code(const std::vector<CheckedFile>& files);
 
-/// One line for each definition and each kernel, and a summary.
+/// One line for each definition and each kernel, and a summary; not the errors of files that could not be
+/// checked.
 [[nodiscard]] std::string table_of(const std::vector<CheckedFile>& files);
 /// The same as a JSON object; numbers that are not finite are null. See docs/slide_check.md.
 [[nodiscard]] std::string json_of(const std::vector<CheckedFile>& files);

@@ -66,7 +66,7 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   std::array<int, 2> ends{};
   output_.reset(std::tmpfile());
   if (!output_ || ::socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) {
-    throw Error(ErrorKind::kUsage,
+    throw Error(kind_of_failure(errno, ErrorKind::kOutput),
                 "cannot start " + program_ + ": " + std::generic_category().message(errno));
   }
   input_ = ends[0];
@@ -89,8 +89,8 @@ ChildProcess::ChildProcess(const std::vector<std::string>& arguments, const std:
   if (code == 0) return;
   pid_ = -1;
   ::close(input_);
-  throw Error(ErrorKind::kUsage, "cannot start " + executable + ": " + std::generic_category().message(code),
-              remedy);
+  throw Error(kind_of_failure(code, ErrorKind::kOutput),
+              "cannot start " + executable + ": " + std::generic_category().message(code), remedy);
 }
 
 ChildProcess::~ChildProcess() {
@@ -115,10 +115,12 @@ void ChildProcess::wait() {
   input_ = -1;
   const int status = wait_for(pid_);
   pid_ = -1;
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return;
+  const std::string said = printed();
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0 && said.empty()) return;
   const std::string how = WIFSIGNALED(status) ? "signal " + std::to_string(WTERMSIG(status))
                                               : "exit status " + std::to_string(WEXITSTATUS(status));
-  throw Error(ErrorKind::kUsage, program_ + " failed (" + how + "): " + printed());
+  throw Error(ErrorKind::kOutput,
+              program_ + " failed (" + how + "): " + (said.empty() ? "it printed nothing" : said));
 }
 
 /// The last few hundred characters, on one line.
@@ -132,7 +134,7 @@ std::string ChildProcess::printed() const {
   std::string line(text.data(), n);
   std::replace(line.begin(), line.end(), '\n', ' ');
   while (!line.empty() && line.back() == ' ') line.pop_back();
-  return line.empty() ? "it printed nothing" : line;
+  return line;
 }
 
 }  // namespace slide

@@ -12,11 +12,13 @@
 namespace slide {
 
 /// A program that reads from us: started without a shell, its standard input fed by write(), whatever it
-/// prints kept for the message if it fails. That it may stop reading at any time raises no signal here.
+/// prints kept: it must print nothing when all is well. That it may stop reading at any time raises no signal
+/// here.
 class ChildProcess {
  public:
   /// Starts arguments[0], looked up on PATH.
-  /// @throws Error(kUsage) "PROGRAM was not found on PATH" or the system's reason, with `remedy`
+  /// @throws Error(kUsage) "PROGRAM was not found on PATH", with `remedy`; Error(kOutput) with the system's
+  /// reason if it cannot be started
   ChildProcess(const std::vector<std::string>& arguments, const std::string& remedy);
   /// Ends the program if wait() has not seen its end.
   ~ChildProcess();
@@ -25,7 +27,8 @@ class ChildProcess {
 
   /// False if the program no longer reads; wait() says why.
   [[nodiscard]] bool write(std::span<const std::byte> bytes);
-  /// Ends its input and waits. @throws Error(kUsage) with what it printed unless it ends with status 0
+  /// Ends its input and waits. @throws Error(kOutput) with what it printed unless it printed nothing and
+  /// ended with status 0: ffmpeg ends so after a write that failed, having complained
   void wait();
 
  private:

@@ -1,6 +1,8 @@
 #include "render/ffmpeg.h"
 
+#include <filesystem>
 #include <span>
+#include <system_error>
 #include <vector>
 
 #include "render/child_process.h"
@@ -13,11 +15,12 @@ namespace slide {
 namespace {
 
 std::vector<std::string> command(const std::string& extension, const std::string& destination) {
-  std::vector<std::string> arguments = {
-      "ffmpeg", "-hide_banner", "-nostats", "-loglevel", "error", "-y", "-f", "yuv4mpegpipe", "-i", "pipe:0",
-      // The size of a view is kept to the pixel; scaling would blur it.
-      "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0", "-pix_fmt", "yuv420p", "-colorspace", "bt709",
-      "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"};
+  std::vector<std::string> arguments = {"ffmpeg", "-hide_banner", "-nostats", "-loglevel", "error", "-xerror",
+                                        "-y", "-f", "yuv4mpegpipe", "-i", "pipe:0",
+                                        // The size of a view is kept to the pixel; scaling would blur it.
+                                        "-vf", "crop=trunc(iw/2)*2:trunc(ih/2)*2:0:0", "-pix_fmt", "yuv420p",
+                                        "-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc",
+                                        "iec61966-2-1", "-color_range", "tv"};
   const std::vector<std::string> mp4 = {"-c:v", "libx264",   "-preset",    "medium", "-crf",
                                         "18",   "-movflags", "+faststart", "-f",     "mp4"};
   const std::vector<std::string> webm = {"-c:v", "libvpx-vp9", "-b:v", "0",  "-crf",
@@ -50,12 +53,15 @@ class FfmpegSink : public FrameSink {
   }
   void do_finish() override {
     ffmpeg_->wait();
+    std::error_code code;
+    if (std::filesystem::file_size(file_->temporary_path(), code) == 0 || code)
+      throw Error(ErrorKind::kOutput, "ffmpeg wrote nothing to " + path_);
     file_->commit();
   }
   void feed(std::span<const std::byte> bytes) {
     if (ffmpeg_->write(bytes)) return;
     ffmpeg_->wait();  // throws with the reason
-    throw Error(ErrorKind::kUsage, "ffmpeg stopped reading before the last frame of " + path_);
+    throw Error(ErrorKind::kOutput, "ffmpeg stopped reading before the last frame of " + path_);
   }
 
   std::string path_;

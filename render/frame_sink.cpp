@@ -24,7 +24,7 @@ class PngFolderSink : public FrameSink {
   void do_begin() override {
     std::error_code code;
     std::filesystem::create_directories(folder_, code);
-    if (code) throw Error(ErrorKind::kUsage, "cannot make the folder " + folder_ + ": " + code.message());
+    if (code) throw Error(ErrorKind::kOutput, "cannot make the folder " + folder_ + ": " + code.message());
   }
   void do_frame(const Image& image) override {
     std::array<char, 32> name{};

@@ -26,12 +26,12 @@ class FrameSink {
   FrameSink(const FrameSink&) = delete;
   FrameSink& operator=(const FrameSink&) = delete;
 
-  /// @throws Error(kUsage) if the output cannot be made: no such folder, no ffmpeg, a rate or size the format
-  /// lacks
+  /// @throws Error(kUsage) for a rate or size that the format lacks, or without ffmpeg; Error(kOutput) if the
+  /// output cannot be made
   void begin(const FrameFormat& format);
   /// @throws Error(kInternal) for a frame of another size or one too many
   void frame(const Image& image);
-  /// @throws Error(kInternal) if frames are missing; Error(kUsage) if the output cannot be completed
+  /// @throws Error(kInternal) if frames are missing; Error(kOutput) if the output cannot be completed
   void finish();
 
  protected:

@@ -1,6 +1,7 @@
 #include "render/gif.h"
 
 #include <algorithm>
+#include <cerrno>
 #include <cmath>
 #include <cstdio>
 
@@ -216,7 +217,8 @@ class GifSink : public FrameSink {
   void do_frame(const Image& image) override;
   void do_finish() override;
   [[noreturn]] void spool_failed() const {
-    throw Error(ErrorKind::kUsage, "cannot keep the frames of " + path_ + " in a temporary file",
+    throw Error(kind_of_failure(errno, ErrorKind::kOutput),
+                "cannot keep the frames of " + path_ + " in a temporary file",
                 "make room in the folder for temporary files, or ask for fewer or smaller frames");
   }
   /// In 1/100 s, so that frame i ends at the hundredth nearest to (i + 1) / fps.

@@ -171,7 +171,7 @@ std::vector<std::string> write_maps(const std::string& folder, const graphs::Sli
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);
   if (failure)
-    throw Error(ErrorKind::kUsage, "the folder " + folder + " cannot be made: " + failure.message());
+    throw Error(ErrorKind::kOutput, "the folder " + folder + " cannot be made: " + failure.message());
   std::vector<std::string> files;
   const auto path = [&](const std::string& name) { return files.emplace_back(folder + "/" + name); };
   write_png(path("image.png"), image_from_tensor(made.image), 16);

@@ -9,7 +9,7 @@
 namespace slide {
 
 /// Each writes a file that appears under its name only when it is complete (runtime/atomic_file.h).
-/// @throws Error(kUsage) naming the file if it cannot be written
+/// @throws Error(kOutput) naming the file if it cannot be written
 
 void write_bytes(const std::string& path, std::span<const std::uint8_t> bytes);
 /// 1 to 4 channels of 8 or 16 bits; values are clamped to [0, 1], NaN becomes 0.

@@ -90,7 +90,7 @@ class Destination {
 
  private:
   [[noreturn]] void failed() const {
-    throw Error(ErrorKind::kUsage,
+    throw Error(ErrorKind::kOutput,
                 "cannot write to " + path_ + ": " + std::generic_category().message(errno));
   }
 

@@ -1,16 +1,21 @@
 #include "runtime/atomic_file.h"
 
 #include <fcntl.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cerrno>
+#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
+#include <mutex>
+#include <set>
 #include <system_error>
 
 #include "runtime/error.h"
@@ -19,7 +24,7 @@ namespace slide {
 namespace {
 
 Error failed(const std::string& what, const std::string& path, int code) {
-  return Error(ErrorKind::kUsage,
+  return Error(kind_of_failure(code, ErrorKind::kOutput),
                "cannot " + what + " " + path + ": " + std::generic_category().message(code));
 }
 
@@ -66,8 +71,47 @@ mode_t permissions_for(const std::string& path) {
   if (::stat(path.c_str(), &older) != 0) return 0;
   if (S_ISDIR(older.st_mode)) throw failed("write", path, EISDIR);
   if (!S_ISREG(older.st_mode))
-    throw Error(ErrorKind::kUsage, "cannot write " + path + ": it is a device or a pipe, not a file");
+    throw Error(ErrorKind::kOutput, "cannot write " + path + ": it is a device or a pipe, not a file");
   return older.st_mode & 0777u;
+}
+
+/// Whether a file name ends as temporary names do, in the number of a process that has ended.
+bool left_behind(const std::string& name) {
+  constexpr std::string_view kMark = ".part-";
+  const std::size_t at = name.rfind(kMark);
+  if (at == std::string::npos || at == 0) return false;
+  const char* const end = name.data() + name.size();
+  pid_t process = 0;
+  const auto [dash, error] = std::from_chars(name.data() + at + kMark.size(), end, process);
+  if (error != std::errc{} || dash == end || *dash != '-' || dash + 1 == end) return false;
+  if (!std::all_of(dash + 1, end, [](char c) { return c >= '0' && c <= '9'; })) return false;
+  return process > 1 && ::kill(process, 0) != 0 && errno == ESRCH;
+}
+
+/// Removes a temporary file that nobody holds open; a process elsewhere (another machine or container, whose
+/// process numbers are others) holds it locked.
+void remove_unlocked(const std::filesystem::path& path) noexcept {
+  const int descriptor = ::open(path.c_str(), O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+  if (descriptor < 0) return;
+  struct stat status {};
+  if (::fstat(descriptor, &status) == 0 && S_ISREG(status.st_mode) &&
+      ::flock(descriptor, LOCK_EX | LOCK_NB) == 0)
+    ::unlink(path.c_str());
+  ::close(descriptor);
+}
+
+/// Once for each folder in a process.
+void remove_left_behind(const std::filesystem::path& folder) {
+  static std::mutex mutex;
+  static std::set<std::string> cleaned;
+  {
+    const std::lock_guard<std::mutex> lock(mutex);
+    if (!cleaned.insert(folder.string()).second) return;
+  }
+  std::error_code code;
+  for (std::filesystem::directory_iterator entry(folder, code), end; !code && entry != end;
+       entry.increment(code))
+    if (left_behind(entry->path().filename().string())) remove_unlocked(entry->path());
 }
 
 }  // namespace
@@ -77,6 +121,7 @@ AtomicFile::AtomicFile(const std::string& path) : path_(path) {
   if (path.empty()) throw Error(ErrorKind::kUsage, "cannot write a file without a name");
   const std::string target = resolved(path);
   const mode_t permissions = permissions_for(target);
+  remove_left_behind(std::filesystem::path(target).parent_path());
   do {
     temporary_ = target + ".part-" + std::to_string(::getpid()) + "-" + std::to_string(counter++);
     slot_ = register_name(temporary_);  // before it exists, so that no signal finds it unknown
@@ -85,6 +130,7 @@ AtomicFile::AtomicFile(const std::string& path) : path_(path) {
     release_name(slot_);
   } while (errno == EEXIST);
   if (descriptor_ < 0) throw failed("create", path, errno);
+  static_cast<void>(::flock(descriptor_, LOCK_EX | LOCK_NB));
   if (permissions != 0) static_cast<void>(::fchmod(descriptor_, permissions));
 }
 

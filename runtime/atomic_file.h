@@ -12,8 +12,12 @@ namespace slide {
 /// same folder; commit() brings it to the disk and renames it, replacing an older file in one step. Without
 /// commit() the destructor removes it, and the older file stays as it was.
 ///
-/// All members throw Error(kUsage) naming the file and the system's reason if it cannot be created or
+/// All members throw Error(kOutput) naming the file and the system's reason if it cannot be created or
 /// written.
+///
+/// A process that is killed leaves its temporary files, named TARGET.part-PROCESS-NUMBER. The first
+/// AtomicFile of a later process in that folder removes those whose process has ended and which nobody holds
+/// open.
 class AtomicFile {
  public:
   /// Creates the temporary file. A symbolic link is followed. Refuses a path that is a folder, a device or a

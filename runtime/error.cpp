@@ -1,5 +1,7 @@
 #include "runtime/error.h"
 
+#include <cerrno>
+
 namespace slide {
 
 int exit_code(ErrorKind kind) noexcept {
@@ -14,10 +16,16 @@ int exit_code(ErrorKind kind) noexcept {
       return 5;
     case ErrorKind::kInternal:
       return 6;
+    case ErrorKind::kOutput:
+      return 7;
     case ErrorKind::kCancelled:
       return 130;
   }
   return 6;
+}
+
+ErrorKind kind_of_failure(int system_error, ErrorKind otherwise) noexcept {
+  return system_error == ENOMEM ? ErrorKind::kOutOfMemory : otherwise;
 }
 
 Error::Error(ErrorKind kind, const std::string& problem, const std::string& remedy)

@@ -12,12 +12,17 @@ enum class ErrorKind {
   kBadWeights,   ///< a weight file or checkpoint is wrong
   kOutOfMemory,  ///< memory ran out, or the plan needs more than was allowed
   kInternal,     ///< a defect of this program
+  kOutput,       ///< an output could not be written
   kCancelled,    ///< the caller asked to stop
 };
 
 /// The exit code of the command-line programs for an error kind:
-/// 2 usage, 3 bad input file, 4 bad weights, 5 out of memory, 6 internal, 130 cancelled.
+/// 2 usage, 3 bad input file, 4 bad weights, 5 out of memory, 6 internal, 7 an output could not be written,
+/// 130 cancelled.
 [[nodiscard]] int exit_code(ErrorKind kind) noexcept;
+
+/// The kind of a failed system call: kOutOfMemory where that is its reason (ENOMEM), else `otherwise`.
+[[nodiscard]] ErrorKind kind_of_failure(int system_error, ErrorKind otherwise) noexcept;
 
 /// The one exception type of the library.
 /// `what()` is one sentence that names the file, tensor, offset or flag, followed by the remedy where there

@@ -4,9 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cstdio>
-#include <exception>
 #include <map>
-#include <new>
 #include <string>
 #include <utility>
 #include <vector>
@@ -17,6 +15,7 @@
 #include "render/photo_layers.h"
 #include "runtime/atomic_file.h"
 #include "runtime/error.h"
+#include "runtime/program.h"
 #include "weights_tools/convert.h"
 #include "weights_tools/prefix.h"
 
@@ -87,22 +86,6 @@ std::string model_names() {
   return names + "or any";
 }
 
-int guarded(const Arguments& arguments) {
-  try {
-    run(arguments);
-    return 0;
-  } catch (const slide::Error& e) {
-    std::fprintf(stderr, "slide_convert: %s\n", e.what());
-    return slide::exit_code(e.kind());
-  } catch (const std::bad_alloc&) {
-    std::fputs("slide_convert: out of memory\n", stderr);
-    return slide::exit_code(slide::ErrorKind::kOutOfMemory);
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "slide_convert: %s\n", e.what());
-    return slide::exit_code(slide::ErrorKind::kInternal);
-  }
-}
-
 int parse_and_run(int argc, char** argv) {
   CLI::App app(
       "Converts PyTorch checkpoints (.pt, .pth) and safetensors files to safetensors, and shows what they "
@@ -133,17 +116,12 @@ int parse_and_run(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : slide::exit_code(slide::ErrorKind::kUsage);
   }
-  slide::remove_unfinished_files_on_signals();
-  return guarded(arguments);
+  run(arguments);
+  return 0;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return parse_and_run(argc, argv);
-  } catch (...) {  // only what declaring the options may throw
-    std::fputs("slide_convert: internal error\n", stderr);
-    return slide::exit_code(slide::ErrorKind::kInternal);
-  }
+  return slide::run_program("slide_convert", [&] { return parse_and_run(argc, argv); });
 }

@@ -1,7 +1,6 @@
 #include "examples/c_api/slide.h"
 
 #include <cmath>
-#include <new>
 #include <numbers>
 #include <string>
 
@@ -13,6 +12,7 @@
 #include "render/view.h"
 #include "runtime/error.h"
 #include "runtime/error_model.h"
+#include "runtime/program.h"
 #include "runtime/threads.h"
 #include "runtime/version.h"
 
@@ -38,15 +38,10 @@ slide_status guarded(const Call& call) {
   try {
     call();
     return SLIDE_OK;
-  } catch (const Error& e) {
-    last_error = e.what();
-    return static_cast<slide_status>(slide::exit_code(e.kind()));
-  } catch (const std::bad_alloc&) {
-    last_error = "memory ran out";
-    return SLIDE_OUT_OF_MEMORY;
-  } catch (const std::exception& e) {
-    last_error = e.what();
-    return SLIDE_INTERNAL;
+  } catch (...) {
+    const slide::Failure failure = slide::current_failure();
+    last_error = failure.message;
+    return static_cast<slide_status>(slide::exit_code(failure.kind));
   }
 }
 

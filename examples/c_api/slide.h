@@ -24,6 +24,7 @@ typedef enum slide_status {
   SLIDE_BAD_WEIGHTS = 4,   /* a weight file is wrong */
   SLIDE_OUT_OF_MEMORY = 5, /* memory ran out, or more than memory_limit is needed */
   SLIDE_INTERNAL = 6,      /* a defect of the library */
+  SLIDE_OUTPUT = 7,        /* an output could not be written */
   SLIDE_CANCELLED = 130    /* the progress callback asked to stop */
 } slide_status;
 

@@ -3,15 +3,14 @@
 #include <algorithm>
 #include <cstdio>
 #include <filesystem>
-#include <new>
 
 #include "examples/cli_docs.h"
 #include "examples/slide_run/job.h"
 #include "examples/slide_run/report.h"
 #include "examples/slide_run/show_plan.h"
-#include "runtime/atomic_file.h"
 #include "runtime/error.h"
 #include "runtime/error_model.h"
+#include "runtime/program.h"
 #include "runtime/threads.h"
 #include "runtime/version.h"
 
@@ -132,12 +131,11 @@ int run_all(const Options& o, const std::vector<std::string>& photos) {
     JobReport& report = reports[i];
     try {
       run_job(photos[i], photos.size() > 1, o, models, meter, report);
-    } catch (const Error& e) {
-      report.error = e.what();
-      report.exit_code = exit_code(e.kind());
-    } catch (const std::bad_alloc&) {
-      report.error = photos[i] + ": memory ran out (a smaller --max-side needs less)";
-      report.exit_code = exit_code(ErrorKind::kOutOfMemory);
+    } catch (...) {  // whatever it is, the other photos are done
+      const Failure failure = current_failure();
+      report.error = failure.message.find(photos[i]) == std::string::npos ? photos[i] + ": " + failure.message
+                                                                          : failure.message;
+      report.exit_code = exit_code(failure.kind);
     }
     progress.clear();
     failures += report.error.empty() ? 0 : 1;
@@ -196,18 +194,6 @@ int parse_and_run(int argc, char** argv) {
 }  // namespace slide::run
 
 int main(int argc, char** argv) {
-  slide::remove_unfinished_files_on_signals();
   (void)slide::run::resident_at_start();
-  try {
-    return slide::run::parse_and_run(argc, argv);
-  } catch (const slide::Error& e) {
-    std::fprintf(stderr, "slide_run: %s\n", e.what());
-    return slide::exit_code(e.kind());
-  } catch (const std::bad_alloc&) {
-    std::fprintf(stderr, "slide_run: memory ran out\n");
-    return slide::exit_code(slide::ErrorKind::kOutOfMemory);
-  } catch (const std::exception& e) {
-    std::fprintf(stderr, "slide_run: internal error: %s\n", e.what());
-    return slide::exit_code(slide::ErrorKind::kInternal);
-  }
+  return slide::run_program("slide_run", [&] { return slide::run::parse_and_run(argc, argv); });
 }

@@ -20,7 +20,7 @@ constexpr const char* kExamples = R"(Examples:
   slide_run photo.jpg -o - | ffplay -                  frames into a pipe
 
 Exit codes: 0 done, 1 some inputs failed, 2 usage, 3 bad input file, 4 bad weights, 5 out of memory or over
---max-memory, 6 internal error.)";
+--max-memory, 6 internal error, 7 an output could not be written.)";
 
 void declare_input(CLI::App& app, Options& o) {
   app.add_option("photo", o.inputs, "Photos, or folders of photos")->type_name("FILE");

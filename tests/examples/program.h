@@ -20,7 +20,9 @@ struct ProgramResult {
 };
 
 /// Runs a program of the build (under the emulator, if the build is for another CPU) and waits for its end.
-inline ProgramResult run_program(const std::string& program, const std::vector<std::string>& arguments) {
+/// @param output  where its standard output goes instead of into the result
+inline ProgramResult run_program(const std::string& program, const std::vector<std::string>& arguments,
+                                 const std::string& output = "") {
   const auto quoted = [](const std::string& text) {
     std::string result = "'";
     for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
@@ -34,7 +36,7 @@ inline ProgramResult run_program(const std::string& program, const std::vector<s
   std::string command = SLIDE_EMULATOR;
   command += " " + quoted(program);
   for (const std::string& argument : arguments) command += " " + quoted(argument);
-  command += " >" + quoted(folder.file("out")) + " 2>" + quoted(folder.file("err"));
+  command += " >" + quoted(output.empty() ? folder.file("out") : output) + " 2>" + quoted(folder.file("err"));
   const int status = std::system(command.c_str());
   if (status == -1) throw std::runtime_error("cannot run " + command);
   const int code = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);

@@ -57,6 +57,20 @@ TEST_CASE("slide_check op ends with 1 if a case fails, and still checks the othe
   CHECK(json["cases"][0]["passed"] == false);
   CHECK(json["cases"][1].contains("error"));
   CHECK(json["cases"][2]["passed"] == true);
+  CHECK(contains(result.errors, "missing.safetensors"));
+  const ProgramResult table = slide_check({"op", folder.file("missing.safetensors")});
+  CHECK(table.code == 3);
+  CHECK(contains(table.errors, "missing.safetensors"));
+  CHECK(!contains(table.output, "missing.safetensors"));
+}
+
+TEST_CASE("a report that cannot be written is a failure of its own") {
+  for (const std::vector<std::string>& call :
+       {std::vector<std::string>{"op", kData + "/onnx_cases"}, {"--help"}}) {
+    const ProgramResult result = slide::test::run_program(SLIDE_CHECK, call, "/dev/full");
+    CHECK(result.code == 7);
+    CHECK(contains(result.errors, "cannot write to standard output"));
+  }
 }
 
 TEST_CASE("slide_check judge takes a result from its own file or the case, and says where it is wrong") {

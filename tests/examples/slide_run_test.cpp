@@ -323,6 +323,28 @@ TEST_CASE("stereo stills have the shape they should") {
   CHECK(read_photo(folder.file("a.jpg")).colour.width == 96);
 }
 
+TEST_CASE("an output that cannot be written has an exit code of its own, and nothing stays") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const std::vector<std::string> call = {scene.photo, "--depth",         scene.depth, "--frames",
+                                         "2",         "--inpaint-model", "fill",      "-o"};
+  const auto run = [&](const std::string& output, const std::string& standard_output) {
+    std::vector<std::string> arguments = call;
+    arguments.push_back(output);
+    if (output != "-") arguments.emplace_back("--json");
+    return slide::test::run_program(SLIDE_RUN, arguments, standard_output);
+  };
+  const ProgramResult frames = run("-", "/dev/full");
+  CHECK(frames.code == 7);
+  CHECK(contains(frames.errors, "No space left"));
+  CHECK(run(folder.file("a.png"), "/dev/full").code == 7);
+  CHECK(fs::remove(folder.file("a.png")));
+  const ProgramResult no_folder = run(scene.photo + "/a.gif", "");
+  CHECK(no_folder.code == 7);
+  CHECK(contains(no_folder.errors, "photo.png/a.gif"));
+  CHECK(folder.entries() == 2);
+}
+
 TEST_CASE("frames can go to standard output") {
   const TemporaryFolder folder;
   const Scene scene(folder);

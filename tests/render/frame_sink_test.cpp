@@ -49,14 +49,19 @@ void write_frames(const std::string& path, const slide::FrameFormat& format) {
   sink->finish();
 }
 
-std::string usage_message(const std::function<void()>& action) {
+std::string usage_message(const std::function<void()>& action,
+                          slide::ErrorKind kind = slide::ErrorKind::kUsage) {
   try {
     action();
   } catch (const slide::Error& e) {
-    CHECK(e.kind() == slide::ErrorKind::kUsage);
+    CHECK(e.kind() == kind);
     return e.what();
   }
   return "no error";
+}
+
+std::string output_message(const std::function<void()>& action) {
+  return usage_message(action, slide::ErrorKind::kOutput);
 }
 
 bool contains(const std::string& text, const std::string& part) {
@@ -145,7 +150,8 @@ TEST_CASE("A still image is written in the format its name ends with") {
     CHECK(std::filesystem::file_size(folder.file(name)) > 20);
   }
   CHECK(contains(usage_message([&] { slide::write_image(folder.file("a.bmp"), image); }), ".png"));
-  CHECK(contains(usage_message([&] { slide::write_image(folder.file("none/a.png"), image); }), "none/a.png"));
+  CHECK(
+      contains(output_message([&] { slide::write_image(folder.file("none/a.png"), image); }), "none/a.png"));
   CHECK(folder.entries() == 4);
 }
 
@@ -361,15 +367,22 @@ TEST_CASE("No ffmpeg, one that fails and one that stops reading each give a clea
   }
   const ScopedVariable path("PATH", folder.path().string() + ":/usr/bin:/bin");
   write_script(folder.file("ffmpeg"), "cat > /dev/null\necho 'Unknown encoder' >&2\nexit 3\n");
-  const std::string failed = usage_message([&] { write_frames(video, {64, 64, 24, 3}); });
+  const std::string failed = output_message([&] { write_frames(video, {64, 64, 24, 3}); });
   CHECK(contains(failed, "exit status 3"));
   CHECK(contains(failed, "Unknown encoder"));
   // Frames of many times what a socket holds, so that writing meets the closed end.
   write_script(folder.file("ffmpeg"), "echo 'Out of patience' >&2\nexit 1\n");
-  const std::string stopped = usage_message([&] { write_frames(video, {640, 480, 24, 5}); });
+  const std::string stopped = output_message([&] { write_frames(video, {640, 480, 24, 5}); });
   CHECK(contains(stopped, "Out of patience"));
   write_script(folder.file("ffmpeg"), "exit 0\n");
-  CHECK(contains(usage_message([&] { write_frames(video, {640, 480, 24, 5}); }), "stopped reading"));
+  CHECK(contains(output_message([&] { write_frames(video, {640, 480, 24, 5}); }), "stopped reading"));
+  // As ffmpeg does where the disk is full: it complains, leaves a broken file and ends with 0.
+  write_script(folder.file("ffmpeg"),
+               "for last; do :; done\nhead -c 100 > \"${last#file:}\"\ncat > /dev/null\n"
+               "echo 'av_interleaved_write_frame(): No space left on device' >&2\n");
+  CHECK(contains(output_message([&] { write_frames(video, {64, 64, 24, 3}); }), "No space left"));
+  write_script(folder.file("ffmpeg"), "cat > /dev/null\n");
+  CHECK(contains(output_message([&] { write_frames(video, {64, 64, 24, 3}); }), "wrote nothing"));
   CHECK(folder.entries() == 1);  // the script
 }
 

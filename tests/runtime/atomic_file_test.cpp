@@ -1,6 +1,9 @@
 #include "runtime/atomic_file.h"
 
 #include <doctest/doctest.h>
+#include <fcntl.h>
+#include <sys/file.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -83,7 +86,7 @@ TEST_CASE("an atomic file refuses what is no file, and says why") {
     AtomicFile file(folder.file("no/x"));
     FAIL("accepted");
   } catch (const Error& e) {
-    CHECK(e.kind() == ErrorKind::kUsage);
+    CHECK(e.kind() == ErrorKind::kOutput);
     CHECK(std::string(e.what()).find(folder.file("no/x")) != std::string::npos);
   }
   CHECK(folder.entries() == 0);
@@ -131,4 +134,57 @@ TEST_CASE("an interrupted process leaves no unfinished file and still dies of th
     CHECK(WTERMSIG(status) == signal);
     CHECK(folder.entries() == 0);
   }
+}
+
+TEST_CASE("what killed processes left behind is removed, and nothing else") {
+  const TemporaryFolder folder;
+  const pid_t child = ::fork();
+  REQUIRE(child >= 0);
+  if (child == 0) {
+    AtomicFile file(folder.file("a.gif"));
+    file.write("half");
+    ::kill(::getpid(), SIGKILL);
+  }
+  int status = 0;
+  REQUIRE(::waitpid(child, &status, 0) == child);
+  REQUIRE(WIFSIGNALED(status));
+  REQUIRE(folder.entries() == 1);
+  const std::string dead = std::to_string(child);
+  const std::string alive = std::to_string(::getppid());
+  const std::vector<std::string> kept = {
+      "a.part-" + alive + "-0", "a.part-" + dead + "-", "a.part-" + dead,          "a.part-x-0",
+      "a.part-" + dead + "-0x", ".part-" + dead + "-0", "held.part-" + dead + "-0"};
+  for (const std::string& name : kept) write_bytes(folder.file(name), std::as_bytes(std::span("x", 1)));
+  std::filesystem::create_symlink(kept[0], folder.file("link.part-" + dead + "-0"));
+  const int held = ::open(folder.file(kept.back()).c_str(), O_RDONLY);
+  REQUIRE(held >= 0);
+  REQUIRE(::flock(held, LOCK_EX | LOCK_NB) == 0);
+  AtomicFile file(folder.file("b.gif"));
+  file.commit();
+  for (const std::string& name : kept) CHECK_MESSAGE(std::filesystem::exists(folder.file(name)), name);
+  CHECK(std::filesystem::is_symlink(folder.file("link.part-" + dead + "-0")));
+  CHECK(folder.entries() == static_cast<std::ptrdiff_t>(kept.size()) + 2);
+  ::close(held);
+}
+
+TEST_CASE("a disk that is full is an output that cannot be written, and nothing stays") {
+  const TemporaryFolder folder;
+  rlimit before{};
+  REQUIRE(::getrlimit(RLIMIT_FSIZE, &before) == 0);
+  const auto old_handler = std::signal(SIGXFSZ, SIG_IGN);
+  const rlimit small{1000, before.rlim_max};
+  REQUIRE(::setrlimit(RLIMIT_FSIZE, &small) == 0);
+  ErrorKind kind = ErrorKind::kInternal;
+  try {
+    AtomicFile file(folder.file("a"));
+    file.write(std::string(2000, 'x'));
+    file.commit();
+  } catch (const Error& e) {
+    kind = e.kind();
+  }
+  ::setrlimit(RLIMIT_FSIZE, &before);
+  std::signal(SIGXFSZ, old_handler);
+  CHECK(kind == ErrorKind::kOutput);
+  CHECK(exit_code(kind) == 7);
+  CHECK(folder.entries() == 0);
 }
