@@ -5,6 +5,7 @@
 #include <iterator>
 #include <string>
 
+#include "graphs/depth_anything_v2.h"
 #include "graphs/fba.h"
 #include "graphs/inpaint_coarse.h"
 #include "graphs/inpaint_deepfill.h"
@@ -34,6 +35,13 @@ GraphPtr build_midas_v21(const BuildOptions& options) {
 GraphPtr build_midas_v21_small(const BuildOptions& options) {
   auto g = std::make_unique<Graph>();
   g->output("0", midas_v21_small(image_input(*g, "x", 3, options)));
+  return g;
+}
+
+template <const DepthAnythingV2Config& kConfig>
+GraphPtr build_depth_anything_v2(const BuildOptions& options) {
+  auto g = std::make_unique<Graph>();
+  g->output("0", depth_anything_v2(image_input(*g, "x", 3, options), kConfig));
   return g;
 }
 
@@ -127,6 +135,18 @@ std::vector<Model> own_models() {
   };
 }
 
+/// Depth Anything V2 in one of its sizes.
+Model depth_anything_model(std::string_view name, std::string_view description,
+                           GraphPtr (*build)(const BuildOptions&)) {
+  return {.name = name,
+          .description = description,
+          .inputs = {"x"},
+          .outputs = {"disparity"},
+          .size = {.multiple = 14, .upper_bound = 518},
+          .unread = {"pretrained.mask_token", "depth_head.scratch.refinenet4.resConfUnit1."},
+          .build = build};
+}
+
 /// Published networks, whose weights are their authors'.
 std::vector<Model> published_models() {
   const std::vector<std::string_view> maps{"fused",  "side 1", "side 2", "side 3",
@@ -146,6 +166,15 @@ std::vector<Model> published_models() {
        .size = {.multiple = 32, .upper_bound = 256},
        .unread = {"scratch.refinenet4.resConfUnit1."},
        .build = build_midas_v21_small},
+      depth_anything_model("depth_anything_v2_vits",
+                           "Depth Anything V2 Small: disparity of an image (ViT-S, 25 M)",
+                           build_depth_anything_v2<kDepthAnythingV2Small>),
+      depth_anything_model("depth_anything_v2_vitb",
+                           "Depth Anything V2 Base: disparity of an image (ViT-B, 97 M)",
+                           build_depth_anything_v2<kDepthAnythingV2Base>),
+      depth_anything_model("depth_anything_v2_vitl",
+                           "Depth Anything V2 Large: disparity of an image (ViT-L, 335 M)",
+                           build_depth_anything_v2<kDepthAnythingV2Large>),
       {.name = "inpaint_coarse",
        .description = "SLIDE's coarse RGBD inpainting network",
        .inputs = {"rgbd", "mask"},

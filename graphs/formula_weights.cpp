@@ -82,7 +82,7 @@ std::optional<Tensor> FormulaWeights::find(std::string_view name, const Shape& w
   if (const std::string stored = "param." + std::string(name); golden_->contains(stored))
     return golden_->tensor(stored);
   const auto scale = scales_.find(name);
-  if (scale == scales_.end() || wanted.rank() != 4) return std::nullopt;
+  if (scale == scales_.end() || wanted.rank() < 2) return std::nullopt;
   return formula(name, wanted, scale->second, 0);
 }
 
@@ -97,7 +97,8 @@ std::vector<std::string> FormulaWeights::golden_names() const {
 
 Tensor FormulaWeights::made_up_tensor(std::string_view name, const Shape& shape) const {
   if (name.ends_with("fuse_weight") && shape.rank() >= 2) return identity_matrix(shape);
-  if (shape.rank() == 4 && shape.count() > 0) return formula(name, shape, he_scale(shape), 0);
+  const bool filters = shape.rank() == 4 || (shape.rank() == 2 && name.ends_with("weight"));
+  if (filters && shape.count() > 0) return formula(name, shape, he_scale(shape), 0);
   if (name.ends_with("running_mean")) return filled(shape, 0);
   if (name.ends_with("running_var")) return filled(shape, 1);
   return formula(name, shape, 0.1F, name.ends_with("weight") ? 1.0F : 0.0F);

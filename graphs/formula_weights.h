@@ -16,8 +16,8 @@ namespace slide::graphs {
 
 /// Weights that are a formula of their names, so that networks can be tested and timed without weight files.
 ///
-/// A filter bank (rank 4) is float32(formula_unit(salt + name, 1...)) · float32(scale), the product rounded
-/// to float32.
+/// A filter bank (rank 4), and in golden files any tensor of rank 2 or more that has a scale, is
+/// float32(formula_unit(salt + name, 1...)) · float32(scale), the product rounded to float32.
 class FormulaWeights : public WeightSource {
  public:
   /// Those of a golden file: salt and scales from its metadata, everything that is no filter bank from its
@@ -25,9 +25,9 @@ class FormulaWeights : public WeightSource {
   /// be read.
   explicit FormulaWeights(SafetensorsFile golden);
 
-  /// For any network: filter banks scaled by √(6 / fan-in), which keeps the activations' size through ReLU
-  /// layers; norms' weights in 1 ± 0.1, biases in ± 0.1, running means 0 and variances 1; contextual
-  /// attention's fuse kernel the identity.
+  /// For any network: filter banks and matrices scaled by √(6 / fan-in), which keeps the activations' size
+  /// through ReLU layers; norms' weights in 1 ± 0.1, biases in ± 0.1, running means 0 and variances 1;
+  /// contextual attention's fuse kernel the identity.
   static FormulaWeights made_up(std::string salt = "");
 
   [[nodiscard]] std::string description() const override;

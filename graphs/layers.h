@@ -31,6 +31,22 @@ Value batch_norm(Value x, std::string_view name, double eps = 1e-5);
 /// torch.nn.GroupNorm: parameters `name`.weight and .bias.
 Value group_norm(Value x, std::string_view name, std::int64_t groups, double eps = 1e-5);
 
+/// torch.nn.LayerNorm over the channels (axis 1): parameters `name`.weight and .bias.
+Value layer_norm(Value x, std::string_view name, double eps);
+
+/// torch.nn.Linear of tokens, N×C×1×T: parameters `name`.weight, features × C, and `name`.bias. It is a 1×1
+/// convolution of the tokens.
+Value linear(Value tokens, std::string_view name, std::int64_t features);
+
+/// The same, its result multiplied by the parameter `gamma` (a LayerScale behind it): weight and bias are, so
+/// that at each run it costs nothing.
+Value scaled_linear(Value tokens, std::string_view name, std::int64_t features, std::string_view gamma);
+
+/// torch.nn.ConvTranspose2d whose kernel and stride are both `factor`: parameters `name`.weight, C × filters
+/// × factor × factor, and `name`.bias. Each input pixel becomes factor × factor pixels, so it is a 1×1
+/// convolution and a move of its channels into space.
+Value conv_transpose2d(Value x, std::string_view name, std::int64_t filters, std::int64_t factor);
+
 /// A network works on 1×channels×H×W with both sides multiples of `multiple`. Throws Error(kUsage) naming the
 /// network and the shape it was given otherwise.
 void require_image(std::string_view network, Value x, std::int64_t channels, std::int64_t multiple);

@@ -9,7 +9,9 @@ namespace {
 
 Value refine_and_upsample(Value x, const FusionBlock& block) {
   x = residual_conv_unit(x, "resConfUnit2", block.skip);
-  x = ops::resize_bilinear(x, 2 * x.shape()[2], 2 * x.shape()[3], true);
+  const std::int64_t height = block.height != 0 ? block.height : 2 * x.shape()[2];
+  const std::int64_t width = block.width != 0 ? block.width : 2 * x.shape()[3];
+  x = ops::resize_bilinear(x, height, width, true);
   if (block.out_channels > 0) x = conv2d(x, "out_conv", {.filters = block.out_channels, .kernel = 1});
   return x;
 }

@@ -23,7 +23,8 @@ Value residual_conv_unit(Value x, std::string_view name, ResidualSkip skip);
 /// out_conv follows.
 struct FusionBlock {
   ResidualSkip skip;
-  std::int64_t out_channels = 0;  ///< 0: no out_conv
+  std::int64_t out_channels = 0;       ///< 0: no out_conv
+  std::int64_t height = 0, width = 0;  ///< replace ×2 if not 0
 };
 Value fuse_features(Value path, const FusionBlock& block, std::string_view name);
 Value fuse_features(Value path, Value level, const FusionBlock& block, std::string_view name);

@@ -26,7 +26,7 @@ struct NetworkChoice {
 
 /// The networks a 3D photo is made with.
 struct SlideModels {
-  NetworkChoice depth;  ///< midas_v21, midas_v21_small, slide_depth
+  NetworkChoice depth;  ///< slide_depth, depth_anything_v2_vits (_vitb, _vitl), midas_v21, midas_v21_small
   NetworkChoice
       inpaint;  ///< inpaint_coarse, inpaint_deepfill, slide_inpaint; none: the depth-aware fill alone
   NetworkChoice saliency;  ///< u2net, u2netp, slide_matte: a soft matte of the salient subject

@@ -5,6 +5,7 @@
 #include <string>
 #include <vector>
 
+#include "graphs/depth_anything_v2.h"
 #include "graphs/edges.h"
 #include "graphs/fba.h"
 #include "graphs/inpaint_coarse.h"
@@ -128,6 +129,14 @@ Value slide_photo_matte(Value image) {
   return ops::clip(ops::guided_upsample(coarse, sized, image, kMatteGuideRadius, kGuideEps), 0, 1);
 }
 
+/// The size of Depth Anything V2 that a model's name stands for; null for another network.
+const DepthAnythingV2Config* depth_anything_config(std::string_view model) {
+  if (model == "depth_anything_v2_vits") return &kDepthAnythingV2Small;
+  if (model == "depth_anything_v2_vitb") return &kDepthAnythingV2Base;
+  if (model == "depth_anything_v2_vitl") return &kDepthAnythingV2Large;
+  return nullptr;
+}
+
 }  // namespace
 
 Value estimate_disparity(Value image, const NetworkChoice& network) {
@@ -138,10 +147,15 @@ Value estimate_disparity(Value image, const NetworkChoice& network) {
     inverse_depth = midas_v21(midas_preprocess(image, midas_working_size(size, 384)));
   else if (network.model == "midas_v21_small")
     inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
+  else if (const DepthAnythingV2Config* config = depth_anything_config(network.model))
+    return sharpened(depth_anything_postprocess(
+        depth_anything_v2(midas_preprocess(image, depth_anything_working_size(size)), *config), size));
   else if (network.model == "slide_depth")
     return sharpened(slide_disparity(image));
   else
-    throw wrong_model(network, "depth", "slide_depth, midas_v21, midas_v21_small");
+    throw wrong_model(network, "depth",
+                      "slide_depth, depth_anything_v2_vits, depth_anything_v2_vitb, "
+                      "depth_anything_v2_vitl, midas_v21, midas_v21_small");
   return sharpened(midas_postprocess(inverse_depth, size));
 }
 

@@ -13,9 +13,9 @@ namespace slide::graphs {
 /// its networks want (their sizes, ranges and layouts).
 
 /// D: the depth network's disparity, min-max normalised; 0 everywhere if there is no relief. MiDaS's is
-/// enlarged bicubically as its authors do, slide_depth's by ops::guided_upsample with the photo as guide,
-/// which brings its edges onto the photo's, within the range of the 3×3 small pixels around. Then
-/// sharpen_edges().
+/// enlarged bicubically and Depth Anything V2's bilinearly as their authors do, slide_depth's by
+/// ops::guided_upsample with the photo as guide, which brings its edges onto the photo's, within the range of
+/// the 3×3 small pixels around. Then sharpen_edges().
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 /// Throws Error(kUsage) if the model is no depth network.
 Value estimate_disparity(Value image, const NetworkChoice& network);

@@ -3,6 +3,7 @@
 #include <array>
 #include <cmath>
 
+#include "ops/attention/attention.h"
 #include "ops/attention/contextual_attention.h"
 #include "ops/case_attributes.h"
 #include "ops/conv2d/conv2d.h"
@@ -124,6 +125,17 @@ Value build_group_norm(CaseArguments& c) {
                     c.number("eps", 1e-5));
 }
 
+Value build_attention(CaseArguments& c) {
+  const std::int64_t heads = c.integer("heads", 1, kMost);
+  return attention(c.input("query"), c.input("key"), c.input("value"), heads, c.number("scale"));
+}
+
+Value build_layer_norm(CaseArguments& c) {
+  return layer_norm(c.input("x"), axis(c), c.input("weight"), c.input("bias"), c.number("eps", 1e-5));
+}
+
+Value build_permute(CaseArguments& c) { return permute(c.input("x"), axes(c)); }
+
 Value build_pad(CaseArguments& c) {
   const auto mode = static_cast<PadMode>(c.choice("mode", {"constant", "edge", "reflect"}, 0));
   return pad(c.input("x"), c.integers<4>("padding", 0, kMost), mode, c.number("value", 0));
@@ -137,6 +149,7 @@ Value build_reshape(CaseArguments& c) {
 constexpr Entry kEntries[] = {
     {"conv2d", build_conv2d},
     {"gated_conv2d", build_gated_conv2d},
+    {"attention", build_attention},
     {"contextual_attention", build_contextual_attention},
     {"max_pool2d", build_max_pool2d},
     {"avg_pool2d", build_avg_pool2d},
@@ -158,6 +171,8 @@ constexpr Entry kEntries[] = {
        return clip(c.input("x"), c.number("min", -INFINITY), c.number("max", INFINITY));
      }},
     {"affine", [](CaseArguments& c) { return affine(c.input("x"), c.number("scale"), c.number("shift")); }},
+    {"silu", [](CaseArguments& c) { return silu(c.input("x")); }},
+    {"gelu", [](CaseArguments& c) { return gelu(c.input("x")); }},
     {"greater", [](CaseArguments& c) { return greater(c.input("x"), c.number("threshold")); }},
     {"add", [](CaseArguments& c) { return add(c.input("x"), c.input("other")); }},
     {"sub", [](CaseArguments& c) { return sub(c.input("x"), c.input("other")); }},
@@ -172,12 +187,14 @@ constexpr Entry kEntries[] = {
      }},
     {"pad", build_pad},
     {"reshape", build_reshape},
+    {"permute", build_permute},
     {"softmax", [](CaseArguments& c) { return softmax(c.input("x"), axis(c)); }},
     {"reduce_min", [](CaseArguments& c) { return reduce_min(c.input("x"), axes(c)); }},
     {"reduce_max", [](CaseArguments& c) { return reduce_max(c.input("x"), axes(c)); }},
     {"reduce_mean", [](CaseArguments& c) { return reduce_mean(c.input("x"), axes(c)); }},
     {"batch_norm", build_batch_norm},
     {"group_norm", build_group_norm},
+    {"layer_norm", build_layer_norm},
     {"weight_standardise",
      [](CaseArguments& c) { return weight_standardise(c.input("weight"), c.number("eps", 1e-5)); }},
     {"min_max_normalise", [](CaseArguments& c) { return min_max_normalise(c.input("x")); }},

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 
+#include "ops/attention/attention_op.h"
 #include "ops/attention/contextual_attention_op.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "ops/edges/median_op.h"
@@ -107,6 +108,9 @@ Json attributes_of(const Op& op, const Shape& output) {
   if (const auto* o = as<SliceOp>(op)) return {{"axis", o->axis()}, {"start", o->start()}, {"end", o->end()}};
   if (const auto* o = as<BatchNormOp>(op)) return {{"eps", o->eps()}};
   if (const auto* o = as<GroupNormOp>(op)) return {{"groups", o->groups()}, {"eps", o->eps()}};
+  if (const auto* o = as<LayerNormOp>(op)) return {{"axis", o->axis()}, {"eps", o->eps()}};
+  if (const auto* o = as<AttentionOp>(op)) return {{"heads", o->heads()}, {"scale", o->scale()}};
+  if (const auto* o = as<PermuteOp>(op)) return {{"axes", o->axes()}};
   if (const auto* o = as<WeightStandardiseOp>(op)) return {{"eps", o->eps()}};
   if (const auto* o = as<GaussianBlurOp>(op)) return {{"sigma", o->sigma()}};
   if (const auto* o = as<ConeDilationOp>(op)) return {{"rho", o->rho()}, {"radius", o->radius()}};
@@ -129,8 +133,10 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
     for (std::size_t i = 0; i < count; ++i) names.push_back("x" + std::to_string(i));
     return names;
   }
-  if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr) return {"x", "weight", "bias"};
+  if (as<Conv2dOp>(op) != nullptr || as<GroupNormOp>(op) != nullptr || as<LayerNormOp>(op) != nullptr)
+    return {"x", "weight", "bias"};
   if (as<BatchNormOp>(op) != nullptr) return {"x", "weight", "bias", "running_mean", "running_var"};
+  if (as<AttentionOp>(op) != nullptr) return {"query", "key", "value"};
   if (as<PushPullFillOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr) return {"x", "weight"};
   if (as<GuidedCoefficientsOp>(op) != nullptr) return {"guide", "x"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};

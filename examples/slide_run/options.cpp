@@ -58,7 +58,9 @@ void declare_networks(CLI::App& app, Options& o) {
         ->group(group)
         ->type_name("NAME");
   };
-  network("depth", o.depth_weights, o.depth_model, "slide_depth, midas_v21, midas_v21_small");
+  network("depth", o.depth_weights, o.depth_model,
+          "slide_depth, depth_anything_v2_vits, "
+          "depth_anything_v2_vitb, depth_anything_v2_vitl, midas_v21, midas_v21_small");
   network("inpaint", o.inpaint_weights, o.inpaint_model,
           "slide_inpaint, inpaint_coarse, inpaint_deepfill; fill: none, the depth-aware fill alone");
   network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");

@@ -1,40 +1,13 @@
 #include <cmath>
 
 #include "ops/common/elements.h"
+#include "ops/normalise/moments.h"
 #include "ops/normalise/normalise.h"
 #include "ops/normalise/normalise_ops.h"
 #include "ops/pointwise/unary_row.h"
 
 namespace slide::ops {
 namespace {
-
-struct Moments {
-  double mean, variance;
-};
-
-/// Mean and biased variance of `count` numbers. What the sum loses where the mean is far larger than the
-/// deviation is found in a second pass (Chan, Golub and LeVeque 1983, "corrected two-pass algorithm").
-Moments moments(const double* x, std::int64_t count) {
-  const double n = static_cast<double>(count);
-  double sum = 0;
-  for (std::int64_t i = 0; i < count; ++i) sum += x[i];
-  const double about = sum / n;
-  double rest = 0;
-  for (std::int64_t i = 0; i < count; ++i) rest += x[i] - about;
-  const double mean = about + rest / n;
-  double squares = 0;
-  for (std::int64_t i = 0; i < count; ++i) squares += (x[i] - mean) * (x[i] - mean);
-  return {mean, squares / n};
-}
-
-/// The part of an error scale that float64 statistics of n elements are given, as a multiple of u = 2^-24:
-/// the kernels' mean is off by (300 + n/2048)·2^-53 of the mean magnitude, summed in pieces of some lanes;
-/// mean and deviation by n·2^-53 of the deviation in any order of summation. The first part also holds the
-/// second order of a mean rounded to float32. `inverse` is 1 / sqrt(var + eps).
-double statistics_scale(const Moments& m, double inverse, std::int64_t n) {
-  const auto count = static_cast<double>(n);
-  return 0x1p-29 * ((300 + count / 2048) * std::fabs(m.mean) * inverse + count);
-}
 
 /// Calls f(element, channel, moments of its group) for every element.
 template <typename F>

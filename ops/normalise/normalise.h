@@ -13,6 +13,10 @@ Value batch_norm(Value x, Value weight, Value bias, Value running_mean, Value ru
 /// weight, bias: C; C must be a multiple of groups.
 Value group_norm(Value x, std::int64_t groups, Value weight, Value bias, double eps);
 
+/// Layer normalisation (Ba, Kiros and Hinton 2016) along one axis (negative: from the end): (x - mean) /
+/// sqrt(var + eps) · weight + bias, mean and biased variance over the axis alone. weight, bias: its extent.
+Value layer_norm(Value x, int axis, Value weight, Value bias, double eps);
+
 /// Weight standardisation (Qiao et al. 2019) as FBA matting applies it (layers_WS.py): for each filter (axis
 /// 0), (w - mean) / sqrt(var + eps), var the biased variance (n in the denominator). weight: O×C×KH×KW.
 Value weight_standardise(Value weight, double eps);

@@ -54,6 +54,25 @@ class GroupNormOp : public Op {
   GroupNormFusion fusion_;
 };
 
+/// layer_norm() along an axis, which may be negative; inputs x, weight, bias.
+class LayerNormOp : public Op {
+ public:
+  LayerNormOp(int axis, double eps) : axis_(axis), eps_(eps) {}
+  [[nodiscard]] int axis() const noexcept { return axis_; }
+  [[nodiscard]] double eps() const noexcept { return eps_; }
+
+  [[nodiscard]] std::string_view type() const override { return "layer_norm"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  int axis_;
+  double eps_;
+};
+
 /// weight_standardise(); input weight.
 class WeightStandardiseOp : public Op {
  public:

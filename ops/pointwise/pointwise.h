@@ -17,6 +17,8 @@ Value abs(Value x);                                 ///< |x|
 Value clip(Value x, double low, double high);       ///< min(max(x, low), high)
 Value affine(Value x, double scale, double shift);  ///< scale·x + shift
 Value greater(Value x, double threshold);           ///< 1 where x > threshold, else 0
+Value silu(Value x);                                ///< x / (1 + e^-x); 0 at -infinity
+Value gelu(Value x);                                ///< x·(1 + erf(x / sqrt(2))) / 2; 0 at -infinity
 
 // Two values in; shapes broadcast as in NumPy (aligned at the last axis, extents equal or 1).
 Value add(Value x, Value other);

@@ -36,6 +36,12 @@ struct Sigmoid {
 struct Tanh {
   static SLIDE_INLINE Float call(Float x, Float, Float) { return simd::tanh(x); }
 };
+struct Silu {
+  static SLIDE_INLINE Float call(Float x, Float, Float) { return simd::silu(x); }
+};
+struct Gelu {
+  static SLIDE_INLINE Float call(Float x, Float, Float) { return simd::gelu(x); }
+};
 struct Exp {
   static SLIDE_INLINE Float call(Float x, Float, Float) { return simd::exp(x); }
 };
@@ -139,7 +145,7 @@ extern const PointwiseRoutines pointwise;
 const PointwiseRoutines pointwise{
     Isa::SLIDE_ISA_ENUM,
     {unary<Relu>, unary<Relu6>, unary<LeakyRelu>, unary<Elu>, unary<Sigmoid>, unary<Tanh>, unary<Exp>,
-     unary<Sqrt>, unary<Abs>, unary<Clip>, unary<Affine>, unary<Greater>},
+     unary<Sqrt>, unary<Abs>, unary<Clip>, unary<Affine>, unary<Greater>, unary<Silu>, unary<Gelu>},
     {binary<Add>, binary<Sub>, binary<Mul>, binary<Div>, binary<Minimum>, binary<Maximum>}};
 
 }  // namespace slide::ops::SLIDE_ISA

@@ -15,7 +15,7 @@ struct PointwiseRoutines {
   using Binary = void (*)(const float* a, std::size_t a_step, const float* b, std::size_t b_step, float* y,
                           std::size_t count);
   Isa isa;
-  Unary unary[12];   ///< in the order of UnaryKind
+  Unary unary[14];   ///< in the order of UnaryKind
   Binary binary[6];  ///< in the order of BinaryKind
 };
 

@@ -1,6 +1,7 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <numbers>
 
 #include "ops/common/elements.h"
 #include "ops/pointwise/pointwise.h"
@@ -34,14 +35,18 @@ double UnaryOp::evaluate(double x) const {
       return a_ * x + b_;
     case UnaryKind::kGreater:
       return x > a_ ? 1 : 0;
+    case UnaryKind::kSilu:
+      return x < -800 ? -0.0 : x / (1 + std::exp(-x));  // the limit, which -infinity has, too
+    case UnaryKind::kGelu:
+      return x < -40 ? -0.0 : 0.5 * x * std::erfc(-x * std::numbers::sqrt2 / 2);
   }
   return std::nan("");
 }
 
 std::string_view UnaryOp::type() const {
-  constexpr std::array<std::string_view, 12> kNames = {"relu",    "relu6", "leaky_relu", "elu",
-                                                       "sigmoid", "tanh",  "exp",        "sqrt",
-                                                       "abs",     "clip",  "affine",     "greater"};
+  constexpr std::array<std::string_view, 14> kNames = {"relu",   "relu6",   "leaky_relu", "elu", "sigmoid",
+                                                       "tanh",   "exp",     "sqrt",       "abs", "clip",
+                                                       "affine", "greater", "silu",       "gelu"};
   return kNames[static_cast<std::size_t>(kind_)];
 }
 
@@ -111,5 +116,7 @@ Value abs(Value x) { return unary(x, UnaryKind::kAbs); }
 Value clip(Value x, double low, double high) { return unary(x, UnaryKind::kClip, low, high); }
 Value affine(Value x, double scale, double shift) { return unary(x, UnaryKind::kAffine, scale, shift); }
 Value greater(Value x, double threshold) { return unary(x, UnaryKind::kGreater, threshold); }
+Value silu(Value x) { return unary(x, UnaryKind::kSilu); }
+Value gelu(Value x) { return unary(x, UnaryKind::kGelu); }
 
 }  // namespace slide::ops

@@ -39,6 +39,10 @@ std::optional<double> activation_slope(const UnaryOp& op) {
       return 1.0;
     case UnaryKind::kSigmoid:
       return 0.25;
+    case UnaryKind::kSilu:
+      return 1.1;  // 1.0998 at x = 2.4
+    case UnaryKind::kGelu:
+      return 1.13;  // 1.1290 at x = sqrt(2)
     case UnaryKind::kElu:
     case UnaryKind::kLeakyRelu:
       return std::max(1.0, std::fabs(op.a()));
@@ -73,7 +77,10 @@ double unary_error_factor(const UnaryOp& op) {
     case UnaryKind::kSigmoid:
       return rounding_factor(6);
     case UnaryKind::kTanh:
+    case UnaryKind::kSilu:
       return rounding_factor(8);
+    case UnaryKind::kGelu:
+      return rounding_factor(14);
   }
   return 0;
 }

@@ -17,6 +17,8 @@ enum class UnaryKind {
   kClip,
   kAffine,
   kGreater,
+  kSilu,
+  kGelu,
 };
 
 /// A function of one value, applied to every element. See ops/pointwise/pointwise.h for the definitions.

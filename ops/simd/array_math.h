@@ -15,6 +15,8 @@ struct ArrayMath {
   Function elu;
   Function sigmoid;
   Function tanh;
+  Function silu;
+  Function gelu;
 };
 
 /// Those compiled for a level. Throws Error(kInternal) if this build has none for it.

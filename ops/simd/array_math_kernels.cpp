@@ -17,7 +17,7 @@ void map(const float* x, float* y, std::size_t count) {
 }  // namespace
 
 extern const ArrayMath array_math;
-const ArrayMath array_math{Isa::SLIDE_ISA_ENUM, map<simd::exp>, map<simd::elu>, map<simd::sigmoid>,
-                           map<simd::tanh>};
+const ArrayMath array_math{Isa::SLIDE_ISA_ENUM, map<simd::exp>,  map<simd::elu>, map<simd::sigmoid>,
+                           map<simd::tanh>,     map<simd::silu>, map<simd::gelu>};
 
 }  // namespace slide::ops::SLIDE_ISA

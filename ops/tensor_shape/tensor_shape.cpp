@@ -106,6 +106,35 @@ void compute(const ReshapeOp& /*op*/, std::span<const Tensor> inputs, Tensor& ou
   copy_runs(inputs[0].data<T>().data(), 0, output.mutable_data<T>().data(), 0, output.count(), 1);
 }
 
+/// Rows of the result's last axis: each is a run of x with one step.
+template <typename T>
+void compute(const PermuteOp& op, std::span<const Tensor> inputs, Tensor& output) {
+  const Shape& in = inputs[0].shape();
+  const Shape& out = output.shape();
+  const auto rank = static_cast<std::size_t>(out.rank());
+  std::vector<std::int64_t> steps(rank);  // in x, for each axis of the result
+  for (std::size_t k = 0; k < rank; ++k) {
+    steps[k] = 1;
+    for (int axis = op.axes()[k] + 1; axis < in.rank(); ++axis) steps[k] *= in[axis];
+  }
+  const T* x = inputs[0].data<T>().data();
+  T* y = output.mutable_data<T>().data();
+  const std::int64_t width = out[-1];
+  if (out.count() == 0) return;
+  for_ranges(out.count() / width, std::max<std::int64_t>(1, kElementGrain / width),
+             [&](std::int64_t begin, std::int64_t end) {
+               for (std::int64_t row = begin; row < end; ++row) {
+                 std::int64_t at = 0;
+                 std::int64_t rest = row;
+                 for (std::size_t k = rank - 1; k-- > 0;) {
+                   at += rest % out[static_cast<int>(k)] * steps[k];
+                   rest /= out[static_cast<int>(k)];
+                 }
+                 for (std::int64_t j = 0; j < width; ++j) y[row * width + j] = x[at + j * steps[rank - 1]];
+               }
+             });
+}
+
 template <typename O>
 class CopyKernel : public Kernel {
  public:
@@ -219,6 +248,28 @@ void ReshapeOp::reference(std::span<const Tensor> inputs, Tensor& output) const 
 }
 std::span<const Kernel* const> ReshapeOp::kernels() const { return copy_kernels<ReshapeOp>("reshape.copy"); }
 
+std::string PermuteOp::attributes() const {
+  std::string text = "axes";
+  for (const int axis : axes_) text += " " + std::to_string(axis);
+  return text;
+}
+Shape PermuteOp::infer(std::span<const Shape> inputs) const {
+  require_input_count("permute", inputs, 1, 1);
+  const int rank = inputs[0].rank();
+  std::vector<int> sorted = axes_;
+  std::ranges::sort(sorted);
+  bool each_once = rank > 0 && sorted.size() == static_cast<std::size_t>(rank);
+  for (int k = 0; each_once && k < rank; ++k) each_once = sorted[static_cast<std::size_t>(k)] == k;
+  require(each_once, "permute cannot bring " + inputs[0].text() + " into the order of " + attributes());
+  std::vector<std::int64_t> extents;
+  for (const int axis : axes_) extents.push_back(inputs[0][axis]);
+  return Shape(std::span<const std::int64_t>(extents));
+}
+void PermuteOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
+  compute<double>(*this, inputs, output);
+}
+std::span<const Kernel* const> PermuteOp::kernels() const { return copy_kernels<PermuteOp>("permute.copy"); }
+
 Value concat(const std::vector<Value>& inputs, int axis) {
   require(!inputs.empty(), "concat was given no tensor");
   const int index = require_axis("concat", axis, inputs[0].shape());
@@ -231,6 +282,10 @@ Value slice(Value x, int axis, std::int64_t start, std::int64_t end) {
 
 Value pad(Value x, const std::array<std::int64_t, 4>& padding, PadMode mode, double value) {
   return x.graph().add(std::make_shared<PadOp>(padding, mode, value), {x});
+}
+
+Value permute(Value x, const std::vector<int>& axes) {
+  return x.graph().add(std::make_shared<PermuteOp>(axes), {x});
 }
 
 Value reshape(Value x, const Shape& shape) { return x.graph().add(std::make_shared<ReshapeOp>(shape), {x}); }

@@ -27,4 +27,8 @@ Value pad(Value x, const std::array<std::int64_t, 4>& padding, PadMode mode, dou
 /// The same elements in row-major order under another shape of equal count.
 Value reshape(Value x, const Shape& shape);
 
+/// The axes in another order: axis k of the result is axis axes[k] of x, as torch.permute. `axes` names each
+/// axis of x once, from 0.
+Value permute(Value x, const std::vector<int>& axes);
+
 }  // namespace slide::ops

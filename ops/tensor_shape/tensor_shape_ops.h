@@ -2,6 +2,8 @@
 
 #include <array>
 #include <cstdint>
+#include <utility>
+#include <vector>
 
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/op.h"
@@ -69,6 +71,22 @@ class PadOp : public Op {
   std::array<std::int64_t, 4> padding_;
   PadMode mode_;
   double value_;
+};
+
+/// permute() of all axes.
+class PermuteOp : public Op {
+ public:
+  explicit PermuteOp(std::vector<int> axes) : axes_(std::move(axes)) {}
+  [[nodiscard]] const std::vector<int>& axes() const noexcept { return axes_; }
+
+  [[nodiscard]] std::string_view type() const override { return "permute"; }
+  [[nodiscard]] std::string attributes() const override;
+  [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
+  void reference(std::span<const Tensor> inputs, Tensor& output) const override;
+  [[nodiscard]] std::span<const Kernel* const> kernels() const override;
+
+ private:
+  std::vector<int> axes_;
 };
 
 /// reshape() to a fixed shape.

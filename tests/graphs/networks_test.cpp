@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "graphs/catalogue.h"
+#include "graphs/depth_anything_v2.h"
 #include "graphs/fba.h"
 #include "graphs/formula_weights.h"
 #include "graphs/inpaint_coarse.h"
@@ -185,6 +186,15 @@ TEST_CASE("the two-stage network takes its channel number and RGB or RGBD from t
       kind_of([] {
         (void)InpaintDeepfillConfig::from_weights(shapes_only({{"stage1.conv1.conv.weight", {6, 6, 5, 5}}}));
       }) == ErrorKind::kBadWeights);
+}
+
+TEST_CASE("Depth Anything V2's size is a multiple of 14, at least 518 on the shorter side") {
+  // The numbers of the authors' Resize: 518/100·133 = 688.9 is nearest to 686, 518/1000·1500 = 777 to 784
+  // (55.5 patches, a tie, to the even 56).
+  CHECK(depth_anything_working_size({100, 133}) == ImageSize{518, 686});
+  CHECK(depth_anything_working_size({1500, 1000}) == ImageSize{784, 518});
+  CHECK(depth_anything_working_size({3000, 4000}, 100) == ImageSize{112, 140});
+  CHECK_THROWS_AS((void)depth_anything_working_size({0, 10}), Error);
 }
 
 TEST_CASE("filters whose means are zero are taken as standardised already") {

@@ -43,6 +43,9 @@ const Function kFunctions[] = {
     {"elu", &ops::ArrayMath::elu, [](double x) { return x < 0 ? std::expm1(x) : x; }, 1.0},
     {"sigmoid", &ops::ArrayMath::sigmoid, [](double x) { return 1 / (1 + std::exp(-x)); }, 2.5},
     {"tanh", &ops::ArrayMath::tanh, [](double x) { return std::tanh(x); }, 2.5},
+    {"silu", &ops::ArrayMath::silu, [](double x) { return x < -800 ? -0.0 : x / (1 + std::exp(-x)); }, 4},
+    {"gelu", &ops::ArrayMath::gelu,
+     [](double x) { return x < -40 ? -0.0 : 0.5 * x * std::erfc(-x / std::sqrt(2.0)); }, 14},
 };
 
 /// Every how many bit patterns are tested; SLIDE_TEST_STRIDE=1 tests all 2^32.
@@ -53,7 +56,7 @@ std::uint64_t stride() {
 
 }  // namespace
 
-TEST_CASE("exp, elu, sigmoid and tanh keep their ULP bounds over the whole line at every level") {
+TEST_CASE("exp, elu, sigmoid, tanh, silu and gelu keep their ULP bounds over the whole line at every level") {
   constexpr std::uint64_t kBlock = 4093;  // odd, so that the last, partial vector is met
   std::vector<float> x;
   std::vector<float> y(kBlock);

@@ -155,6 +155,35 @@ def others(write):
     write('reshape', 'reshape', {'shape': [6, 20]}, {'x': x}, x.reshape(6, 20), 'reshape')
 
 
+def transformers(write):
+    x = torch.cat([rand(200) * 3, torch.tensor([0.0, -0.0, 1e-9, -1e-9, -5.5, -9.0, -12.5, 9.0, -30.0, 60.0], dtype=torch.float64)])
+    write('gelu', 'gelu', {}, {'x': x}, F.gelu(x), 'gelu')
+    write('silu', 'silu', {}, {'x': x}, F.silu(x), 'silu')
+    x = rand(2, 3, 4, 5)
+    write('permute_0231', 'permute', {'axes': [0, 2, 3, 1]}, {'x': x}, x.permute(0, 2, 3, 1), 'permute')
+    write('permute_3120', 'permute', {'axes': [3, 1, 2, 0]}, {'x': x}, x.permute(3, 1, 2, 0), 'permute')
+    for channels, tag, x in ((24, 'tokens', rand(2, 35, 24) * 3 + 1), (7, 'far', rand(1, 9, 7) + 1000)):
+        weight, bias = rand(channels), rand(channels)
+        y = F.layer_norm(x, (channels,), weight, bias, 1e-6)
+        write(f'layer_norm_{tag}', 'layer_norm', {'axis': -1, 'eps': 1e-6}, {'x': x, 'weight': weight, 'bias': bias}, y, 'layer_norm')
+        write(f'layer_norm_{tag}_columns', 'layer_norm', {'axis': 1, 'eps': 1e-6},
+              {'x': x.permute(0, 2, 1), 'weight': weight, 'bias': bias}, y.permute(0, 2, 1), 'layer_norm')
+    # A head's scores of a few thousand overflow an exponential without the largest subtracted; 150 keys are
+    # more than a block of most kernels.
+    for tag, heads, q, k, size in (('self', 3, 37, 37, 1), ('cross', 2, 5, 150, 1), ('large', 1, 33, 130, 30)):
+        depth, values = 8, 6
+        query, key, value = rand(2, heads, q, depth) * size, rand(2, heads, k, depth) * size, rand(2, heads, k, values)
+        scale = 1 / math.sqrt(depth)
+        y = torch.softmax(query @ key.transpose(-2, -1) * scale, -1) @ value
+        columns = lambda t: t.transpose(-2, -1).reshape(2, -1, 1, t.shape[2])
+        write(f'attention_{tag}', 'attention', {'heads': heads, 'scale': scale},
+              {'query': columns(query), 'key': columns(key), 'value': columns(value)}, columns(y), 'softmax and matmul')
+    x = rand(1, 2, 7, 7)
+    scale = [(5 + 0.1) / 7, (9 + 0.1) / 7]
+    write('resize_cubic_scale', 'resize', {'mode': 'cubic', 'coordinates': 'half_pixel', 'size': [5, 9], 'scale': scale, 'cubic_a': -0.75},
+          {'x': x}, F.interpolate(x, scale_factor=scale, mode='bicubic'), 'interpolate with scale_factor')
+
+
 def layering(write):
     x = rand(1, 2, 9, 14)
     for sigma in (0.0, 1.0, 2.5):
@@ -187,7 +216,7 @@ def layering(write):
 def main():
     torch.manual_seed(7)
     write = Writer(sys.argv[1])
-    for family in (pools, resizes, norms, pads, pointwise, others, layering):
+    for family in (pools, resizes, norms, pads, pointwise, others, layering, transformers):
         family(write)
 
 
