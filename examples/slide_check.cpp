@@ -123,7 +123,9 @@ int compare_network(const Arguments& a) {
 
 void add_common(CLI::App& command, Arguments& a) {
   command.add_flag("--json", a.json, "print a JSON object instead of a table");
-  command.add_option("--isa", a.isa, "kernels up to this level: baseline, avx2, avx512, avx512bf16, neon");
+  command.add_option("--isa", a.isa,
+                     "kernels up to this level: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, "
+                     "neon; or of one without some features: avx512bf16,-avx512_vnni");
   command.add_option("--threads", a.threads, "number of threads; 0: one a core")->check(CLI::Range(0, 1024));
 }
 
@@ -176,9 +178,7 @@ int run(CLI::App& app, int argc, char** argv) {
     return app.exit(e) == 0 ? 0 : exit_code(ErrorKind::kUsage);
   }
   if (!a.isa.empty()) {
-    const std::optional<Isa> isa = isa_from_name(a.isa);
-    if (!isa) throw Error(ErrorKind::kUsage, "there is no level named " + a.isa);
-    set_isa(*isa);
+    set_isa(isa_from_text(a.isa, "--isa"));
   }
   set_thread_count(a.threads);
   if (op->parsed()) return check_operators(a);

@@ -290,12 +290,6 @@ void place_steps(const Graph& graph, bool keep_all, Plan& plan) {
 
 }  // namespace
 
-bool runs_at(Isa kernel, Isa isa) noexcept {
-  if (kernel == Isa::kBaseline) return true;
-  if (kernel == Isa::kNeon || isa == Isa::kNeon) return kernel == isa;
-  return kernel <= isa;
-}
-
 Plan make_plan(const Graph& graph, const PlanOptions& options) {
   Plan plan;
   plan.isa = options.isa;

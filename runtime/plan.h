@@ -70,7 +70,4 @@ struct PlanOptions {
 [[nodiscard]] Plan make_plan(const Graph& graph, Isa isa, bool keep_all = false,
                              Precision precision = Precision::kFp32);
 
-/// Whether a kernel compiled for `kernel` may run where `isa` is the level in use.
-[[nodiscard]] bool runs_at(Isa kernel, Isa isa) noexcept;
-
 }  // namespace slide

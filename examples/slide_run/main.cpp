@@ -176,13 +176,7 @@ int parse_and_run(int argc, char** argv) {
     return 0;
   }
   set_thread_count(o.threads);
-  if (!o.isa.empty()) {
-    const std::optional<Isa> isa = isa_from_name(o.isa);
-    if (!isa)
-      throw Error(ErrorKind::kUsage, "--isa " + o.isa + " is no instruction-set level",
-                  "baseline, avx2, avx512, avx512bf16, neon");
-    set_isa(*isa);
-  }
+  if (!o.isa.empty()) set_isa(isa_from_text(o.isa, "--isa"));
   const std::vector<std::string> photos = find_photos(o.inputs);
   check_combinations(o, photos);
   const int code = run_all(o, photos);

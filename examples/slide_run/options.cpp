@@ -155,7 +155,9 @@ void declare_running(CLI::App& app, Options& o) {
       ->group(running)
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  app.add_option("--isa", o.isa, "Force a lower instruction set: baseline, avx2, avx512, avx512bf16, neon")
+  app.add_option("--isa", o.isa,
+                 "Force a lower instruction set: a level (baseline, avx2, avxvnni, avx512, avx512vnni, "
+                 "avx512bf16, neon), or one without some features (avx512bf16,-avx512_vnni; --isa=-avx_vnni)")
       ->group(running)
       ->type_name("LEVEL");
   app.add_option("--max-memory", o.max_memory,
@@ -186,7 +188,8 @@ void declare_running(CLI::App& app, Options& o) {
 
 std::string version_text() {
   return "slide_run " + std::string(version()) + "\nbuild: " + std::string(build_description()) +
-         "\ninstruction set: " + std::string(name_of(detected_isa()));
+         "\ninstruction set: " + std::string(name_of(detected_isa())) +
+         "\nfeatures: " + text_of(detected_features());
 }
 
 void declare_help(CLI::App& app, Options& o) {

@@ -14,7 +14,7 @@ struct Conv2dExpectation {
   double error;
   /// Multiply-accumulates done in the time of one of the direct float32 method of the same level, by level in
   /// the order of Isa.
-  double speed[5];
+  double speed[kIsaLevels];
   [[nodiscard]] double speed_at(Isa isa) const noexcept { return speed[static_cast<int>(isa)]; }
 };
 

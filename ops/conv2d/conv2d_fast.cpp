@@ -24,12 +24,12 @@ namespace slide::ops {
   namespace level {                            \
   extern const Conv2dRoutines conv2d_routines; \
   }
-SLIDE_EACH_ISA(SLIDE_DECLARE)
+SLIDE_EACH_WORD_ISA(SLIDE_DECLARE)
 #undef SLIDE_DECLARE
 
 std::span<const Conv2dRoutines* const> conv2d_routines() {
 #define SLIDE_LIST(level, enumerator) &level::conv2d_routines,
-  static const Conv2dRoutines* const all[] = {SLIDE_EACH_ISA(SLIDE_LIST)};
+  static const Conv2dRoutines* const all[] = {SLIDE_EACH_WORD_ISA(SLIDE_LIST)};
 #undef SLIDE_LIST
   return all;
 }
@@ -150,10 +150,17 @@ class Conv2dKernel : public Kernel {
   const Conv2dExpectation& expectation_;
 };
 
-/// Adds a method's kernel of each level.
+/// Adds a method's kernel of each level that has the routines of its own.
 template <typename Method>
 void list(std::string_view name, std::vector<const Kernel*>& all) {
-  static const KernelList<Conv2dKernel<Method>, Conv2dRoutines> kernels(name, conv2d_routines());
+  static const KernelList<Conv2dKernel<Method>, Conv2dRoutines> kernels(name, [] {
+    std::vector<const Conv2dRoutines*> levels;
+    for (const Conv2dRoutines* level : conv2d_routines())
+      if (level->whole || (level->own_words[static_cast<std::size_t>(Method::kPrecision)] &&
+                           std::is_base_of_v<Conv2dDirect, Method>))
+        levels.push_back(level);
+    return levels;
+  }());
   all.insert(all.end(), kernels.all().begin(), kernels.all().end());
 }
 

@@ -148,6 +148,11 @@ void depthwise_row(const DepthwiseRow& row, float* y, std::int64_t count) {
 extern const Conv2dRoutines conv2d_routines;
 const Conv2dRoutines conv2d_routines {
   Isa::SLIDE_ISA_ENUM,
+#if defined(SLIDE_WORD_LEVEL)
+      false, {false, false, true},
+#else
+      true, {true, true, true},
+#endif
 #if defined(__FMA__) || defined(__aarch64__)
       true,
 #else

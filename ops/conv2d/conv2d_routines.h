@@ -130,6 +130,10 @@ struct FilterTile {
 /// The inner loops of the convolutions, compiled once per instruction-set level.
 struct Conv2dRoutines {
   Isa isa;
+  /// Else a level that differs from the ones below it in the products of words alone, of the precisions in
+  /// own_words.
+  bool whole;
+  bool own_words[3];
   bool fused;            ///< multiply and add round once
   std::int64_t rows;     ///< of a panel of the left matrix
   std::int64_t columns;  ///< of a panel of the right matrix

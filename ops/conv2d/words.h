@@ -12,6 +12,8 @@ namespace {
 using simd::Float;
 
 using Bits = simd::Float::Bits;
+/// The same bits as 16-bit integers.
+typedef std::int16_t Halves __attribute__((vector_size(sizeof(Bits))));
 
 SLIDE_INLINE Bits broadcast_word(const float* word) {
   std::int32_t bits;
@@ -84,6 +86,32 @@ struct Bf16 : FloatSums {
   }
 };
 
+#if defined(__x86_64__)
+/// For each pair of adjacent 16-bit integers the sum of their products.
+SLIDE_INLINE Bits add_pairs(Halves a, Halves b) {
+#if defined(__AVX512BW__)
+  using Native = __m512i;
+#elif defined(__AVX2__)
+  using Native = __m256i;
+#else
+  using Native = __m128i;
+#endif
+  Native left, right;
+  __builtin_memcpy(&left, &a, sizeof left);
+  __builtin_memcpy(&right, &b, sizeof right);
+#if defined(__AVX512BW__)
+  const Native products = _mm512_madd_epi16(left, right);
+#elif defined(__AVX2__)
+  const Native products = _mm256_madd_epi16(left, right);
+#else
+  const Native products = _mm_madd_epi16(left, right);
+#endif
+  Bits sums;
+  __builtin_memcpy(&sums, &products, sizeof sums);
+  return sums;
+}
+#endif
+
 /// Four integers: b unsigned, a signed; sums are int32.
 struct Int8 {
   static constexpr int kLanes = 4;
@@ -105,6 +133,21 @@ struct Int8 {
     total = _mm512_dpbusd_epi32(total, right, left);
     __builtin_memcpy(&sum, &total, sizeof sum);
     return sum;
+#elif defined(__AVXVNNI__)
+    __m256i left, right, total;
+    __builtin_memcpy(&left, &a, sizeof left);
+    __builtin_memcpy(&right, &b, sizeof right);
+    __builtin_memcpy(&total, &sum, sizeof total);
+    total = _mm256_dpbusd_avx_epi32(total, right, left);
+    __builtin_memcpy(&sum, &total, sizeof sum);
+    return sum;
+#elif defined(__x86_64__)
+    // Products of bytes and their sums in pairs would overflow 16 bits (vpmaddubsw saturates): bytes become
+    // 16-bit integers, even ones and odd ones, whose products are added in pairs as 32 bits.
+    Halves left, right;
+    __builtin_memcpy(&left, &a, sizeof left);
+    __builtin_memcpy(&right, &b, sizeof right);
+    return sum + add_pairs(left << 8 >> 8, right & 0xFF) + add_pairs(left >> 8, (right >> 8) & 0xFF);
 #else
     for (int lane = 0; lane < 4; ++lane) sum += (a << (24 - 8 * lane) >> 24) * (b >> 8 * lane & 0xFF);
     return sum;

@@ -87,7 +87,8 @@ double unary_error_factor(const UnaryOp& op) {
 
 const PointwiseRoutines& pointwise_routines_of(Isa isa) {
   const std::span<const PointwiseRoutines* const> all = pointwise_routines();
-  return **std::find_if(all.begin(), all.end(), [&](const PointwiseRoutines* r) { return r->isa == isa; });
+  return **std::find_if(all.begin(), all.end(),
+                        [&](const PointwiseRoutines* r) { return runs_at(r->isa, isa); });
 }
 
 namespace {

@@ -25,7 +25,7 @@ std::span<const ResizeRoutines* const> resize_routines() {
 }
 
 const ResizeRoutines& resize_routines(Isa isa) {
-  return **std::ranges::find(resize_routines(), isa, &ResizeRoutines::isa);
+  return **std::ranges::find_if(resize_routines(), [&](const auto* r) { return runs_at(r->isa, isa); });
 }
 
 namespace {

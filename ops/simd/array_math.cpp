@@ -16,7 +16,7 @@ SLIDE_EACH_ISA(SLIDE_DECLARE)
 
 const ArrayMath& array_math(Isa isa) {
 #define SLIDE_RETURN(level, enumerator) \
-  if (isa == (enumerator)) return level::array_math;
+  if (runs_at(enumerator, isa)) return level::array_math;
   SLIDE_EACH_ISA(SLIDE_RETURN)
 #undef SLIDE_RETURN
   throw Error(ErrorKind::kInternal, "this build has no kernels for the level " + std::string(name_of(isa)));

@@ -13,7 +13,14 @@
 ///
 /// and `slide::ops::avx2::routines` is what the file compiled with SLIDE_ISA = avx2 defines as
 /// `slide::ops::SLIDE_ISA::routines`.
+///
+/// SLIDE_EACH_WORD_ISA(X) is the same for the sources of slide_add_word_kernels().
 #if defined(SLIDE_HAVE_AVX512BF16)
+#define SLIDE_EACH_WORD_ISA(X)           \
+  X(avx512bf16, slide::Isa::kAvx512Bf16) \
+  X(avx512vnni, slide::Isa::kAvx512Vnni) \
+  X(avx512, slide::Isa::kAvx512)         \
+  X(avxvnni, slide::Isa::kAvxVnni) X(avx2, slide::Isa::kAvx2) X(baseline, slide::Isa::kBaseline)
 #define SLIDE_EACH_ISA(X)                \
   X(avx512bf16, slide::Isa::kAvx512Bf16) \
   X(avx512, slide::Isa::kAvx512) X(avx2, slide::Isa::kAvx2) X(baseline, slide::Isa::kBaseline)
@@ -21,4 +28,7 @@
 #define SLIDE_EACH_ISA(X) X(neon, slide::Isa::kNeon) X(baseline, slide::Isa::kBaseline)
 #else
 #define SLIDE_EACH_ISA(X) X(baseline, slide::Isa::kBaseline)
+#endif
+#if !defined(SLIDE_EACH_WORD_ISA)
+#define SLIDE_EACH_WORD_ISA(X) SLIDE_EACH_ISA(X)
 #endif

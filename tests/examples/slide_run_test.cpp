@@ -7,6 +7,7 @@
 
 #include "render/image_file.h"
 #include "render/write_image.h"
+#include "runtime/cpu.h"
 #include "tests/examples/program.h"
 #include "weights/default_weights.h"
 
@@ -146,6 +147,7 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--max-memory", "lots"},
       {scene.photo, "--size", "12x"},
       {scene.photo, "--isa", "mmx"},
+      {scene.photo, "--isa", "baseline,-mmx"},
       {scene.photo, "--depth-model", "midas_v21"},
       {scene.photo, "--inpaint-model", "fill", "--inpaint-weights", "formula"},
       {scene.photo, "--depth", scene.depth, "--near", "5", "--far", "2"},
@@ -360,6 +362,7 @@ TEST_CASE("help shows the defaults, version shows the build, plan shows the kern
   CHECK(contains(help.output, "=4"));
   CHECK(contains(help.output, "Examples:"));
   CHECK(contains(slide_run({"--version"}).output, "instruction set:"));
+  CHECK(contains(slide_run({"--version"}).output, "features: " + text_of(detected_features())));
   const TemporaryFolder folder;
   const Scene scene(folder);
   const ProgramResult plan =

@@ -2,6 +2,8 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
+
 #include "kernel_bounds.h"
 #include "runtime/error.h"
 
@@ -262,6 +264,24 @@ TEST_CASE("a single filter, which waits for its input, is computed in float32 at
   CHECK(precisions({4, 16, 3, 3}) == std::pair(true, true));
   CHECK(precisions({5, 16, 3, 3}) == std::pair(false, true));
 }
+
+#if defined(__x86_64__)
+TEST_CASE("8-bit products have kernels of their own wherever there is VNNI, other products do not") {
+  const Call call =
+      conv({random_tensor({1, 16, 8, 40}, 1), random_tensor({16, 16, 3, 3}, 2)}, ops::Conv2dParams::same(3));
+  const auto at = [&](Isa isa, Precision precision) {
+    return std::ranges::any_of(call.op->kernels(), [&](const Kernel* kernel) {
+      return kernel->isa() == isa && kernel->precision() == precision;
+    });
+  };
+  for (const Isa isa : {Isa::kAvxVnni, Isa::kAvx512Vnni}) {
+    CHECK(at(isa, Precision::kInt8));
+    CHECK_FALSE(at(isa, Precision::kFp32));
+    CHECK_FALSE(at(isa, Precision::kBf16));
+  }
+  CHECK(at(Isa::kAvx512Bf16, Precision::kBf16));
+}
+#endif
 
 TEST_CASE("the bound holds where sums cancel") {
   // Each product comes with its negative, far away in the order of summation, and one small term remains.

@@ -39,7 +39,7 @@ std::int64_t equal_part(std::int64_t whole, std::int64_t most) {
 
 /// Blocks of about the root of the depth make the fewest roundings.
 std::int64_t gathered_depth(std::int64_t depth, Isa isa) {
-  const bool avx512 = isa == Isa::kAvx512 || isa == Isa::kAvx512Bf16;
+  const bool avx512 = runs_at(Isa::kAvx512, isa);
   const std::int64_t least = avx512 ? kGatheredDepth : kSmallGatheredDepth;
   const auto root = static_cast<std::int64_t>(std::sqrt(static_cast<double>(depth)));
   return equal_part(depth, std::max(least, root));

@@ -30,7 +30,7 @@ const WinogradRoutines& winograd_routines(Isa isa) {
   static const WinogradRoutines* const all[] = {SLIDE_EACH_ISA(SLIDE_LIST)};
 #undef SLIDE_LIST
   for (const WinogradRoutines* routines : all)
-    if (routines->isa == isa) return *routines;
+    if (runs_at(routines->isa, isa)) return *routines;
   return *all[std::size(all) - 1];
 }
 

@@ -22,12 +22,11 @@ SLIDE_EACH_ISA(SLIDE_DECLARE)
 #undef SLIDE_DECLARE
 
 const WinogradFilterRoutines& winograd_filters_at(Isa isa) {
-  const WinogradFilterRoutines* found = &baseline::winograd_filters;
 #define SLIDE_FIND(level, enumerator) \
-  if (isa == (enumerator)) found = &level::winograd_filters;
+  if (runs_at(enumerator, isa)) return level::winograd_filters;
   SLIDE_EACH_ISA(SLIDE_FIND)
 #undef SLIDE_FIND
-  return *found;
+  return baseline::winograd_filters;
 }
 
 WinogradFilterMatrix winograd_filter_matrix(int tile) {
