@@ -126,7 +126,7 @@ TEST_CASE("slide_check tells usage, bad input and bad weights apart") {
   CHECK(slide_check({"compare", "u2netp", "--weights", junk, "--image", kData + "/images/none.png"}).code ==
         4);
   const ProgramResult result = slide_check({"op", junk});
-  CHECK(contains(result.output, junk));
+  CHECK(contains(result.errors, junk));
   CHECK(slide_check({"--help"}).code == 0);
 }
 

@@ -85,6 +85,11 @@ std::vector<Call> calls() {
        {kImage, {"weight", {4}}, {"bias", {4}}, {"running_mean", {4}}, {"running_var", {4}}}},
       {"group_norm", R"({"groups":2,"eps":0.25})", {kImage, {"weight", {4}}, {"bias", {4}}}},
       {"weight_standardise", R"({"eps":0.25})", {{"weight", {3, 2, 3, 3}}}},
+      {"layer_norm", R"({"axis":2,"eps":0.001})", {{"x", {2, 3, 5}}, {"weight", {5}}, {"bias", {5}}}},
+      {"attention",
+       R"({"heads":2,"scale":0.5})",
+       {{"query", {1, 6, 5, 1}}, {"key", {1, 6, 5, 1}}, {"value", {1, 6, 5, 1}}}},
+      {"permute", R"({"axes":[0,2,3,1]})", {kImage}},
       {"gaussian_blur", R"({"sigma":0.8})", {kImage}},
       {"mirror_known", "{}", {kImage, {"weight", {1, 1, 9, 8}}}},
       {"push_pull_fill", R"({"sweeps":2})", {kImage, {"weight", {1, 1, 9, 8}}}},
@@ -94,7 +99,7 @@ std::vector<Call> calls() {
       {"cone_dilation", R"({"rho":0.02,"radius":3})", {kImage}},
   };
   for (const char* op :
-       {"relu", "relu6", "sigmoid", "tanh", "exp", "sqrt", "abs", "min_max_normalise", "distance_transform"})
+       {"relu", "relu6", "sigmoid", "silu", "gelu", "tanh", "exp", "sqrt", "abs", "min_max_normalise", "distance_transform"})
     all.push_back({op, "{}", {kImage}});
   for (const char* op : {"add", "sub", "mul", "div", "minimum", "maximum"})
     all.push_back({op, "{}", {kImage, {"other", {4, 1, 8}}}});

@@ -88,7 +88,7 @@ TEST_CASE("one position attends to itself whatever its score") {
 }
 
 TEST_CASE("every kernel of contextual attention keeps its bound") {
-  const auto levels = static_cast<int>(available_isas().size());
+  const auto levels = test::whole_levels();
   struct Case {
     const char* what;
     Shape features;

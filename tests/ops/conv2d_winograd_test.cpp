@@ -106,7 +106,7 @@ TEST_CASE("the transforms' coefficients, points and their powers, are float32 nu
 }
 
 TEST_CASE("Winograd convolutions keep their bound on every size of image, and at its edges") {
-  const auto all = 5 * static_cast<int>(available_isas().size());  // F(2), F(4), F(6); F(2), F(4) of bfloat16
+  const auto all = 5 * test::whole_levels();  // F(2), F(4), F(6); F(2), F(4) of bfloat16
   for (std::int64_t side = 1; side <= 14; ++side) {
     INFO(side);
     CHECK(check_winograd(conv({1, 5, side, 15 - side}, 6, ops::Conv2dParams::same(3))) ==

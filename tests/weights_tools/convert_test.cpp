@@ -47,7 +47,8 @@ std::unique_ptr<WeightReader> list_of(const std::vector<TensorInfo>& tensors) {
 
 std::vector<TensorInfo> parameters_of(std::string_view model) {
   graphs::BuildOptions options;
-  options.height = options.width = 256;
+  const std::int64_t multiple = graphs::find_model(model).size.multiple;
+  options.height = options.width = (256 + multiple - 1) / multiple * multiple;
   std::vector<TensorInfo> list;
   const std::unique_ptr<Graph> graph = graphs::build_model(model, options);
   for (const Node& node : graph->nodes())
