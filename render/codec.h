@@ -7,6 +7,7 @@
 
 #include "render/exif.h"
 #include "render/image.h"
+#include "render/image_file.h"
 
 namespace slide {
 
@@ -24,8 +25,10 @@ struct Decoded {
 /// Each throws Error(kBadInput) naming `name` for whatever is not a whole file of that format within the
 /// limits of image_file.h. Damage that the library would paper over with grey or repeated data is an error
 /// too.
-[[nodiscard]] Decoded decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name);
-[[nodiscard]] Decoded decode_png(std::span<const std::uint8_t> bytes, const std::string& name);
+[[nodiscard]] Decoded decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name,
+                                  const SizeCheck& check = {});
+[[nodiscard]] Decoded decode_png(std::span<const std::uint8_t> bytes, const std::string& name,
+                                 const SizeCheck& check = {});
 
 /// Portable float map: one ("Pf") or three ("PF") channels, rows from the bottom up, little-endian where the
 /// scale is negative. The magnitude of the scale is not applied.

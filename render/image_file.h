@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <optional>
 #include <span>
 #include <string>
@@ -17,6 +18,14 @@ struct Photo {
   std::optional<double> horizontal_fov;  ///< radians, from EXIF; nothing where EXIF does not say
 };
 
+inline constexpr int kMaxImageSide = 30000;
+inline constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 27;  ///< 134 megapixels
+
+/// Asked with the width and height that a file's header promises, before anything of that size is allocated;
+/// refuses by an exception.
+using SizeCheck = std::function<void(int width, int height)>;
+inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
+
 /// Reads a photograph. The type is found from the content, not from the name.
 ///
 /// JPEG and PNG are read in every build (libjpeg-turbo, libpng); whatever else OpenImageIO knows in builds
@@ -30,7 +39,7 @@ struct Photo {
 /// pixels a
 ///         side or kMaxImagePixels in all, or of a format this build does not read
 /// @throws Error(kOutOfMemory)
-[[nodiscard]] Photo read_photo(const std::string& path);
+[[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {});
 
 /// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
 /// give [0, 1]; PFM gives its values as they are, of either byte order; EXR and others through OpenImageIO,
@@ -40,20 +49,18 @@ struct Photo {
 [[nodiscard]] Image read_map(const std::string& path);
 
 /// The same from bytes in memory; `name` is what messages call them. JPEG, PNG and (maps only) PFM.
-[[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name);
+[[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name,
+                                 const SizeCheck& check = {});
 [[nodiscard]] Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name);
 
 /// The image turned as the EXIF Orientation tag (1..8) says it should be shown. Other values mean 1.
 [[nodiscard]] Image oriented(Image image, int orientation);
 
-inline constexpr int kMaxImageSide = 30000;
-inline constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 28;
-
 /// Refuses sizes outside of the limits above. @throws Error(kBadInput) naming `name`
 void check_image_size(std::int64_t width, std::int64_t height, const std::string& name);
 
-/// The bytes of a file. @throws Error(kBadInput) if it cannot be read, is a directory, or holds more than 4
-/// GiB
+/// The bytes of a file or of a pipe. @throws Error(kBadInput) if it cannot be read, is a directory or a
+/// device, holds more than kMaxFileBytes, or is a pipe that says nothing for ten seconds
 [[nodiscard]] std::vector<std::uint8_t> read_file(const std::string& path);
 
 }  // namespace slide

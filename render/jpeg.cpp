@@ -164,10 +164,11 @@ bool is_jpeg(std::span<const std::uint8_t> bytes) noexcept {
   return bytes.size() >= 3 && bytes[0] == 0xFF && bytes[1] == 0xD8 && bytes[2] == 0xFF;
 }
 
-Decoded decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name) {
+Decoded decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check) {
   Reader r;
   if (!read_header(r, bytes.data(), static_cast<unsigned long>(bytes.size()))) damaged(r, name);
   check_image_size(r.info.image_width, r.info.image_height, name);
+  if (check) check(static_cast<int>(r.info.image_width), static_cast<int>(r.info.image_height));
   if (r.info.jpeg_color_space == JCS_CMYK || r.info.jpeg_color_space == JCS_YCCK) {
     throw Error(ErrorKind::kBadInput,
                 name + " is a CMYK (print) JPEG file; its colours depend on a printer profile",

@@ -60,7 +60,7 @@ void require_flat_photo(const OIIO::ImageInput& input, const std::string& path) 
 
 bool has_openimageio() noexcept { return true; }
 
-Decoded read_through_openimageio(const std::string& path, bool photo) {
+Decoded read_through_openimageio(const std::string& path, bool photo, const SizeCheck& check) {
   OIIO::ImageSpec wanted;
   wanted["oiio:UnassociatedAlpha"] = 1;
   const auto input = OIIO::ImageInput::open(path, &wanted);
@@ -68,6 +68,7 @@ Decoded read_through_openimageio(const std::string& path, bool photo) {
   require_flat_photo(*input, path);
   const OIIO::ImageSpec& spec = input->spec();
   check_image_size(spec.width, spec.height, path);
+  if (check) check(spec.width, spec.height);
   Decoded result;
   result.exif = exif_of(spec);
   const int channels = std::min(spec.nchannels, 4);
@@ -105,7 +106,7 @@ constexpr const char* kRemedy =
 
 bool has_openimageio() noexcept { return false; }
 
-Decoded read_through_openimageio(const std::string& path, bool) {
+Decoded read_through_openimageio(const std::string& path, bool /*photo*/, const SizeCheck& /*check*/) {
   throw Error(ErrorKind::kBadInput, path + " is of a format this build does not read", kRemedy);
 }
 

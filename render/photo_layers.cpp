@@ -12,10 +12,17 @@
 namespace slide {
 namespace {
 
-constexpr double kAspectTolerance = 0.02;
+constexpr double kAspectTolerance = 0.06;  // networks round sides to multiples of 64
 
 void require_same_aspect(const Image& map, int width, int height, const std::string& name) {
   const double ratio = static_cast<double>(map.width) * height / (static_cast<double>(map.height) * width);
+  const double lying = static_cast<double>(map.height) * height / (static_cast<double>(map.width) * width);
+  if (std::fabs(std::log(ratio)) > kAspectTolerance && std::fabs(std::log(lying)) <= kAspectTolerance)
+    throw Error(ErrorKind::kBadInput,
+                name + " lies on its side: it has " + std::to_string(map.width) + "x" +
+                    std::to_string(map.height) + " pixels, the photo " + std::to_string(width) + "x" +
+                    std::to_string(height),
+                "turn it by a quarter");
   if (std::fabs(std::log(ratio)) > kAspectTolerance)
     throw Error(ErrorKind::kBadInput,
                 name + " has " + std::to_string(map.width) + "x" + std::to_string(map.height) +
@@ -45,11 +52,11 @@ Image resized(const Image& map, int width, int height) {
     const Sample v = sample(y, height, map.height);
     for (int x = 0; x < width; ++x) {
       const Sample h = sample(x, width, map.width);
-      const float top =
-          map.at(h.first, v.first) + h.weight * (map.at(h.second, v.first) - map.at(h.first, v.first));
-      const float low =
-          map.at(h.first, v.second) + h.weight * (map.at(h.second, v.second) - map.at(h.first, v.second));
-      out.at(x, y) = top + v.weight * (low - top);
+      // In double: values may lie at both ends of float's range.
+      const auto between = [](double a, double b, float weight) { return a + weight * (b - a); };
+      const double top = between(map.at(h.first, v.first), map.at(h.second, v.first), h.weight);
+      const double low = between(map.at(h.first, v.second), map.at(h.second, v.second), h.weight);
+      out.at(x, y) = static_cast<float>(between(top, low, v.weight));
     }
   });
   return out;
@@ -103,7 +110,8 @@ Image image_from_tensor(const Tensor& tensor) {
 DepthKind depth_kind(const std::string& name) {
   if (name == "disparity") return DepthKind::kDisparity;
   if (name == "depth") return DepthKind::kDepth;
-  throw Error(ErrorKind::kUsage, "a map cannot be of the kind " + name, "one of: disparity, depth");
+  if (name == "inverted") return DepthKind::kInverted;
+  throw Error(ErrorKind::kUsage, "a map cannot be of the kind " + name, "one of: disparity, depth, inverted");
 }
 
 Tensor disparity_from_map(const Image& map, DepthKind kind, int width, int height, const std::string& name) {
@@ -119,6 +127,8 @@ Tensor disparity_from_map(const Image& map, DepthKind kind, int width, int heigh
                       "depths must be positive; for a disparity map use --depth-kind disparity");
         disparity.at(x, y) = 1 / map.at(x, y);
       }
+  if (kind == DepthKind::kInverted)
+    for (float& v : disparity.data) v = -v;
   return tensor_from_image(resized(disparity, width, height));
 }
 

@@ -21,6 +21,7 @@ namespace slide {
 enum class DepthKind {
   kDisparity,  ///< larger is nearer
   kDepth,      ///< distance, larger is farther; must be positive everywhere
+  kInverted,   ///< disparity with the sign turned: larger is farther, black is near
 };
 /// @throws Error(kUsage) unless the name is "disparity" or "depth"
 [[nodiscard]] DepthKind depth_kind(const std::string& name);

@@ -13,6 +13,8 @@
 namespace slide {
 namespace {
 
+constexpr png_alloc_size_t kMaxChunkBytes = 8'000'000;  // of EXIF or a profile
+
 struct Message {
   std::array<char, 200> text{};
 };
@@ -53,6 +55,11 @@ bool read_header(Reader& r) {
   if (setjmp(png_jmpbuf(r.png)) != 0) return false;
   // Sizes are checked by check_image_size, whose message says what the limit is.
   png_set_user_limits(r.png, PNG_UINT_31_MAX, PNG_UINT_31_MAX);
+  // Texts mean nothing here, and one of a few bytes can claim gigabytes.
+  constexpr std::array<png_byte, 15> kTexts = {'t', 'E', 'X', 't', 0,   'z', 'T', 'X',
+                                               't', 0,   'i', 'T', 'X', 't', 0};
+  png_set_keep_unknown_chunks(r.png, PNG_HANDLE_CHUNK_NEVER, kTexts.data(), 3);
+  png_set_chunk_malloc_max(r.png, kMaxChunkBytes);
   png_set_read_fn(r.png, &r, take_bytes);
   png_read_info(r.png, r.info);
   return true;
@@ -138,13 +145,14 @@ bool is_png(std::span<const std::uint8_t> bytes) noexcept {
   return bytes.size() >= kSignature.size() && std::equal(kSignature.begin(), kSignature.end(), bytes.begin());
 }
 
-Decoded decode_png(std::span<const std::uint8_t> bytes, const std::string& name) {
+Decoded decode_png(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check) {
   Reader r(bytes);
   if (r.info == nullptr) throw Error(ErrorKind::kOutOfMemory, "no memory to read " + name);
   if (!read_header(r)) damaged(r, name);
   const png_uint_32 width = png_get_image_width(r.png, r.info);
   const png_uint_32 height = png_get_image_height(r.png, r.info);
   check_image_size(width, height, name);
+  if (check) check(static_cast<int>(width), static_cast<int>(height));
   if (!prepare(r)) damaged(r, name);
   const int channels = png_get_channels(r.png, r.info);
   const bool wide = png_get_bit_depth(r.png, r.info) == 16;

@@ -29,7 +29,7 @@ class Job {
 
   void read() {
     const Timer timer(*this, "reading");
-    const Photo photo = read_photo(input_);
+    const Photo photo = read_photo(input_, [this](int width, int height) { check_header(width, height); });
     report_.photo_width = photo.colour.width;
     report_.photo_height = photo.colour.height;
     const Image colour = shrink_to(photo.colour, options_.max_side);
@@ -45,6 +45,20 @@ class Job {
           matte_from_map(read_map(options_.matte), report_.width, report_.height, options_.matte);
     report_.depth_origin = options_.depth.empty() ? describe(models_.choices().depth) : options_.depth;
     report_.matting_origin = describe(models_.choices().matting);
+  }
+
+  /// Refuses a photo that does not even fit into the memory allowed, before it is decoded.
+  void check_header(int width, int height) const {
+    if (options_.max_memory.empty()) return;
+    constexpr std::size_t kBytesPerPixel = 3 * sizeof(float) + 3;  // colours, and as the file has them
+    const std::size_t bytes =
+        static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * kBytesPerPixel;
+    if (bytes > parse_bytes(options_.max_memory))
+      throw Error(ErrorKind::kOutOfMemory,
+                  input_ + " has " + std::to_string(width) + "x" + std::to_string(height) +
+                      " pixels and needs " + std::to_string(bytes >> 20) +
+                      " MiB to be read, more than --max-memory " + options_.max_memory,
+                  "make it smaller first");
   }
 
   /// Refuses what needs more memory than allowed, before any work.

@@ -28,7 +28,10 @@ void declare_input(CLI::App& app, Options& o) {
   app.add_option("--depth", o.depth, "Depth map of the photo instead of a depth network: PNG, PFM, EXR")
       ->group(group)
       ->type_name("FILE");
-  app.add_option("--depth-kind", o.depth_kind, "What its numbers are: disparity (larger is nearer) or depth")
+  app.add_option(
+         "--depth-kind", o.depth_kind,
+         "What its numbers are: disparity (larger is nearer), inverted (larger is farther, as pictures in "
+         "which black is near) or depth (distances)")
       ->group(group)
       ->capture_default_str();
   app.add_option(

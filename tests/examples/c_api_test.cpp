@@ -58,9 +58,9 @@ bool message_has(const std::string& part) {
 
 }  // namespace
 
-// At an outline A < 1, so that what lies behind shows through by eq. 4: the foreground layer alone is the photo
-// there (tests/render), its sum with the background is not. The disc has a radius of 8.9 pixels; the maxpool makes
-// it one wider, the gradient of A reaches one further on each side.
+// At an outline A < 1, so that what lies behind shows through by eq. 4: the foreground layer alone is the
+// photo there (tests/render), its sum with the background is not. The disc has a radius of 8.9 pixels; the
+// maxpool makes it one wider, the gradient of A reaches one further on each side.
 TEST_CASE("C API: the view of the camera that took the photo is the photo, within 1/255 off the outline") {
   const Scene scene;
   Photo photo;

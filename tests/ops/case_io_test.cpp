@@ -98,8 +98,8 @@ std::vector<Call> calls() {
       {"sobel", "{}", {{"x", {1, 1, 5, 6}}}},
       {"cone_dilation", R"({"rho":0.02,"radius":3})", {kImage}},
   };
-  for (const char* op :
-       {"relu", "relu6", "sigmoid", "silu", "gelu", "tanh", "exp", "sqrt", "abs", "min_max_normalise", "distance_transform"})
+  for (const char* op : {"relu", "relu6", "sigmoid", "silu", "gelu", "tanh", "exp", "sqrt", "abs",
+                         "min_max_normalise", "distance_transform"})
     all.push_back({op, "{}", {kImage}});
   for (const char* op : {"add", "sub", "mul", "div", "minimum", "maximum"})
     all.push_back({op, "{}", {kImage, {"other", {4, 1, 8}}}});

@@ -63,9 +63,30 @@ TEST_CASE("a map of another size is resampled at half-pixel centres, one of anot
     CHECK(twice.data<float>()[x] == doctest::Approx((static_cast<double>(x) + 0.5) / 2 - 0.5));
   CHECK_THROWS_WITH_AS((void)disparity_from_map(ramp, DepthKind::kDisparity, 16, 16, "d.pfm"),
                        doctest::Contains("d.pfm has 8x4 pixels"), Error);
+  CHECK_THROWS_WITH_AS((void)disparity_from_map(ramp, DepthKind::kDisparity, 40, 80, "d.pfm"),
+                       doctest::Contains("lies on its side"), Error);
+  CHECK_NOTHROW((void)disparity_from_map(ramp, DepthKind::kDisparity, 160, 77, "d.pfm"));
+  CHECK_THROWS_AS((void)disparity_from_map(ramp, DepthKind::kDisparity, 160, 74, "d.pfm"), Error);
+}
+
+TEST_CASE("a map over float's whole range is resampled without overflow") {
+  Image map(2, 1, 1);
+  map.at(0, 0) = -3e38F;
+  map.at(1, 0) = 3e38F;
+  const Tensor wide = disparity_from_map(map, DepthKind::kDisparity, 4, 2, "d.pfm");
+  CHECK(wide.data<float>()[1] == doctest::Approx(-1.5e38));
+  CHECK(wide.data<float>()[2] == doctest::Approx(1.5e38));
+}
+
+TEST_CASE("an inverted map is near where it is black") {
+  Image map(2, 1, 1);
+  map.at(1, 0) = 1;
+  const Tensor d = disparity_from_map(map, DepthKind::kInverted, 2, 1, "d.png");
+  CHECK(d.data<float>()[0] > d.data<float>()[1]);
 }
 
 TEST_CASE("names of depth kinds") {
   CHECK(depth_kind("depth") == DepthKind::kDepth);
+  CHECK(depth_kind("inverted") == DepthKind::kInverted);
   CHECK_THROWS_AS((void)depth_kind("deep"), Error);
 }
