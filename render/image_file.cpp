@@ -13,6 +13,7 @@
 #include <new>
 #include <system_error>
 
+#include "ops/npy.h"
 #include "render/codec.h"
 #include "render/oiio.h"
 #include "runtime/error.h"
@@ -59,6 +60,27 @@ void wait_for(int file, const std::string& path) {
   pollfd wanted{file, POLLIN, 0};
   if (::poll(&wanted, 1, kMilliseconds) == 0)
     throw Error(ErrorKind::kBadInput, path + " is a pipe that nothing came from for ten seconds");
+}
+
+bool is_npy(std::span<const std::uint8_t> bytes) {
+  constexpr std::array<std::uint8_t, 6> kMagic = {0x93, 'N', 'U', 'M', 'P', 'Y'};
+  return bytes.size() > kMagic.size() && std::equal(kMagic.begin(), kMagic.end(), bytes.begin());
+}
+
+/// An array of NumPy's as a map: two axes longer than 1, height and width, in this order.
+Image map_from_array(const Tensor& array, const std::string& name) {
+  std::vector<std::int64_t> extents;
+  for (int i = 0; i < array.shape().rank(); ++i)
+    if (array.shape()[i] != 1) extents.push_back(array.shape()[i]);
+  if (extents.size() != 2)
+    throw Error(ErrorKind::kBadInput,
+                name + " has the shape " + array.shape().text() + ", not height x width",
+                "save one map of two axes");
+  check_image_size(extents[1], extents[0], name);
+  Image map(static_cast<int>(extents[1]), static_cast<int>(extents[0]), 1);
+  const Tensor values = array.to(DType::kF32);
+  std::copy_n(values.data<float>().data(), map.data.size(), map.data.begin());
+  return map;
 }
 
 /// What a reader throws that is neither an Error nor a lack of memory.
@@ -252,8 +274,10 @@ Image read_map(const std::string& path) {
   std::vector<std::uint8_t> bytes = read_file(path);
   if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
   if (is_jpeg(bytes) || is_png(bytes) || is_pfm(bytes)) return decode_map(bytes, path);
+  const bool array = is_npy(bytes);
   bytes = {};
   try {
+    if (array) return to_map({map_from_array(ops::read_npy(path), path), {}}, path);
     return to_map(read_through_openimageio(path, false), path);
   } catch (const std::bad_alloc&) {
     out_of_memory(path);

@@ -42,9 +42,9 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 [[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {});
 
 /// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
-/// give [0, 1]; PFM gives its values as they are, of either byte order; EXR and others through OpenImageIO,
-/// in builds with it. Colour files are accepted if their three channels are equal; transparency is ignored.
-/// Orientation is applied.
+/// give [0, 1]; PFM (of either byte order) and NumPy's .npy (height×width of floats) give their values as
+/// they are; EXR and others through OpenImageIO, in builds with it. Colour files are accepted if their three
+/// channels are equal; transparency is ignored. Orientation is applied.
 /// @throws Error(kBadInput) as above, and for a NaN or infinite value, naming the first such pixel
 [[nodiscard]] Image read_map(const std::string& path);
 

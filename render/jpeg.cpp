@@ -38,7 +38,6 @@ bool is_damage(int code) {
     case JWRN_BOGUS_PROGRESSION:
     case JWRN_HIT_MARKER:
     case JWRN_HUFF_BAD_CODE:
-    case JWRN_JPEG_EOF:
     case JWRN_MUST_RESYNC:
     case JWRN_NOT_SEQUENTIAL:
       return true;
@@ -47,8 +46,18 @@ bool is_damage(int code) {
   }
 }
 
+/// Whether all of the picture comes in the scan being read: then a file that ends without its end marker
+/// lacks nothing else, or JWRN_HIT_MARKER tells that it does.
+bool one_scan_has_all(j_common_ptr info) {
+  if (info->is_decompressor == 0) return false;
+  const auto* r = reinterpret_cast<j_decompress_ptr>(info);
+  return r->progressive_mode == 0 && r->num_components > 0 && r->comps_in_scan == r->num_components;
+}
+
 void on_message(j_common_ptr info, int level) {
-  if (level < 0 && is_damage(info->err->msg_code)) leave_with_message(info);
+  if (level >= 0) return;
+  const int code = info->err->msg_code;
+  if (is_damage(code) || (code == JWRN_JPEG_EOF && !one_scan_has_all(info))) leave_with_message(info);
 }
 
 void count_scans(j_common_ptr info) {
