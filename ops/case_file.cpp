@@ -14,6 +14,7 @@
 #include "ops/guided/guided.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering.h"
+#include "ops/matting/foreground.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/pool/pool.h"
@@ -210,6 +211,8 @@ constexpr Entry kEntries[] = {
        const std::int64_t radius = c.integer("radius", 0, INT64_MAX);
        return guided_coefficients(c.input("guide"), c.input("x"), radius, c.number("eps"));
      }},
+    {"foreground_colours",
+     [](CaseArguments& c) { return foreground_colours(c.input("image"), c.input("alpha")); }},
     {"median", [](CaseArguments& c) { return median(c.input("x"), c.integer("radius", 0, 1024)); }},
     {"sobel", [](CaseArguments& c) { return sobel(c.input("x")); }},
     {"cone_dilation",

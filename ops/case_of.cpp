@@ -13,6 +13,7 @@
 #include "ops/guided/guided_op.h"
 #include "ops/layering/distance_transform.h"
 #include "ops/layering/layering_ops.h"
+#include "ops/matting/foreground_op.h"
 #include "ops/normalise/normalise_ops.h"
 #include "ops/pointwise/binary_op.h"
 #include "ops/pointwise/unary_op.h"
@@ -122,7 +123,8 @@ Json attributes_of(const Op& op, const Shape& output) {
     return {{"shape", std::vector<std::int64_t>(extents.begin(), extents.end())}};
   }
   if (as<BinaryOp>(op) != nullptr || as<MinMaxNormaliseOp>(op) != nullptr || as<SobelOp>(op) != nullptr ||
-      as<DistanceTransformOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr)
+      as<DistanceTransformOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr ||
+      as<ForegroundColoursOp>(op) != nullptr)
     return Json::object();
   throw Error(ErrorKind::kInternal, "the operator " + std::string(op.type()) + " has no case form");
 }
@@ -139,6 +141,7 @@ std::vector<std::string> input_names(const Op& op, std::size_t count) {
   if (as<AttentionOp>(op) != nullptr) return {"query", "key", "value"};
   if (as<PushPullFillOp>(op) != nullptr || as<MirrorKnownOp>(op) != nullptr) return {"x", "weight"};
   if (as<GuidedCoefficientsOp>(op) != nullptr) return {"guide", "x"};
+  if (as<ForegroundColoursOp>(op) != nullptr) return {"image", "alpha"};
   if (as<WeightStandardiseOp>(op) != nullptr) return {"weight"};
   if (as<ContextualAttentionOp>(op) != nullptr) return {"foreground", "background", "mask", "fuse_weight"};
   return {"x", "other"};

@@ -94,6 +94,7 @@ std::vector<Call> calls() {
       {"mirror_known", "{}", {kImage, {"weight", {1, 1, 9, 8}}}},
       {"push_pull_fill", R"({"sweeps":2})", {kImage, {"weight", {1, 1, 9, 8}}}},
       {"guided_coefficients", R"({"radius":2,"eps":0.01})", {{"guide", {1, 3, 9, 8}}, {"x", {1, 1, 9, 8}}}},
+      {"foreground_colours", "{}", {{"image", {2, 3, 9, 8}}, {"alpha", {2, 1, 9, 8}}}},
       {"median", R"({"radius":2})", {kImage}},
       {"sobel", "{}", {{"x", {1, 1, 5, 6}}}},
       {"cone_dilation", R"({"rho":0.02,"radius":3})", {kImage}},

@@ -184,6 +184,42 @@ def transformers(write):
           {'x': x}, F.interpolate(x, scale_factor=scale, mode='bicubic'), 'interpolate with scale_factor')
 
 
+def foreground_colours(image, alpha):
+    """Germer et al. 2020, each pixel's two unknowns by solving its normal equations."""
+    def near(x, h, w):
+        rows, columns = torch.arange(h) * x.shape[-2] // h, torch.arange(w) * x.shape[-1] // w
+        return x[..., rows, :][..., columns]
+    channels, h0, w0 = image.shape
+    mean = lambda where: torch.stack([p[where].mean() for p in image]) if where.any() else torch.zeros(channels, dtype=torch.float64)
+    colours = torch.stack([mean(alpha > 0.9), mean(alpha < 0.1)])[:, :, None, None]
+    last = math.ceil(math.log2(max(h0, w0)))
+    for level in range(last + 1):
+        part = level / last if last else 1
+        h, w = round(h0 ** part), round(w0 ** part)
+        i, a, colours = near(image, h, w), near(alpha, h, w), near(colours, h, w)
+        mixture = torch.stack([a, 1 - a], -1)
+        for _ in range(10 if max(h, w) <= 32 else 2):
+            matrix = mixture[..., :, None] * mixture[..., None, :]
+            vector = mixture[:, :, None, :] * i.permute(1, 2, 0)[..., None]
+            padded_a, padded = F.pad(a[None, None], [1] * 4, 'replicate')[0, 0], F.pad(colours, [1] * 4, 'replicate')
+            for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
+                weight = 1e-5 + (a - padded_a[y:y + h, x:x + w]).abs()
+                matrix = matrix + weight[..., None, None] * torch.eye(2, dtype=torch.float64)
+                vector = vector + weight[..., None, None] * padded[..., y:y + h, x:x + w].permute(2, 3, 1, 0)
+            solved = torch.linalg.solve(matrix[:, :, None].expand(-1, -1, channels, -1, -1), vector)
+            colours = solved.permute(3, 2, 0, 1).clamp(0, 1)
+    return colours.reshape(2 * channels, h0, w0)
+
+
+def matting(write):
+    for name, h, w in (('', 18, 40), ('_thin', 1, 37)):
+        y, x = torch.meshgrid(torch.arange(h), torch.arange(w), indexing='ij')
+        alpha = ((0.35 * w - ((x - 0.5 * w) ** 2 + (y - 0.5 * h) ** 2).sqrt()) / 6 + 0.3 * rand(h, w) + 0.5).clamp(0, 1)
+        image = torch.rand(3, h, w, dtype=torch.float64)
+        write('foreground_colours' + name, 'foreground_colours', {}, {'image': image[None], 'alpha': alpha[None, None]},
+              foreground_colours(image, alpha)[None], 'pixel by pixel 2x2 systems')
+
+
 def layering(write):
     x = rand(1, 2, 9, 14)
     for sigma in (0.0, 1.0, 2.5):
@@ -216,7 +252,7 @@ def layering(write):
 def main():
     torch.manual_seed(7)
     write = Writer(sys.argv[1])
-    for family in (pools, resizes, norms, pads, pointwise, others, layering, transformers):
+    for family in (pools, resizes, norms, pads, pointwise, others, layering, transformers, matting):
         family(write)
 
 
