@@ -14,11 +14,11 @@ namespace {
 
 constexpr double kHoleThreshold = 0.05;
 
-void require_non_negative(const char* name, double value) {
-  if (!std::isfinite(value) || value < 0)
+void require_within(const char* name, double value, double largest) {
+  if (!(value >= 0 && value <= largest))
     throw Error(ErrorKind::kUsage,
                 std::string("the layering parameter ") + name + " is " + std::to_string(value),
-                "give a number >= 0");
+                "give a number from 0 to " + std::to_string(largest));
 }
 
 /// Max-pool of odd side k that keeps the size. Cells beyond the border never win, which is what replicating
@@ -34,7 +34,7 @@ Value soften(Value x, double gamma) { return ops::relu(ops::tanh(ops::affine(x, 
 }  // namespace
 
 Layering resolve(const LayeringParams& p) {
-  require_non_negative("parallax", p.parallax);
+  require_within("parallax", p.parallax, kLargestLength);
   Layering l{};
   l.parallax = p.parallax;
   l.beta = p.beta.value_or(p.parallax * p.parallax / 12);
@@ -44,14 +44,13 @@ Layering resolve(const LayeringParams& p) {
   l.sigma = p.sigma;
   l.maxpool = p.maxpool;
   l.matte_dilation = 2 * static_cast<std::int64_t>(std::ceil(p.parallax / 4)) + 1;
-  require_non_negative("beta", l.beta);
-  require_non_negative("gamma", l.gamma);
-  require_non_negative("rho", l.rho);
-  require_non_negative("sigma", l.sigma);
-  if (l.radius < 0)
-    throw Error(ErrorKind::kUsage, "the layering parameter radius is " + std::to_string(l.radius),
-                "give a number >= 0");
-  if (l.maxpool < 1 || l.maxpool % 2 == 0)
+  require_within("beta", l.beta, kLargestBeta);
+  require_within("gamma", l.gamma, kLargestGamma);
+  require_within("rho", l.rho, kLargestRho);
+  require_within("radius", static_cast<double>(l.radius), kLargestLength);
+  require_within("sigma", l.sigma, kLargestLength);
+  require_within("maxpool", static_cast<double>(l.maxpool), kLargestLength);
+  if (l.maxpool % 2 == 0)
     throw Error(ErrorKind::kUsage, "the layering parameter maxpool is " + std::to_string(l.maxpool),
                 "give an odd number >= 1");
   return l;

@@ -33,8 +33,15 @@ struct Layering {
   std::int64_t matte_dilation;  ///< side of the matte's dilation window: 2·ceil(P/4) + 1
 };
 
-/// Fills in the defaults. Throws Error(kUsage) naming the parameter that is negative, not finite, or
-/// (maxpool) even. With P = 0 nothing moves: beta = gamma = 0, so A = 1 and S = S_hat = 0.
+/// The largest values that make sense: beyond them a pixel's neighbours cannot be told apart in float32, or a
+/// window is larger than any photo.
+inline constexpr double kLargestBeta = 1e9;
+inline constexpr double kLargestGamma = 1e6;
+inline constexpr double kLargestRho = 1e3;
+inline constexpr int kLargestLength = 30000;  ///< radius, sigma, maxpool; pixels
+
+/// Fills in the defaults. Throws Error(kUsage) naming the parameter that is negative, not finite, too large,
+/// or (maxpool) even. With P = 0 nothing moves: beta = gamma = 0, so A = 1 and S = S_hat = 0.
 [[nodiscard]] Layering resolve(const LayeringParams& params);
 
 /// The maps that split a photo into two layers; all 1×1×H×W in [0, 1].

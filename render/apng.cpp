@@ -115,7 +115,7 @@ void ApngSink::do_frame(const Image& image) {
   if (first) {
     out.assign(png.begin(), png.begin() + kSignatureBytes);
     for_each_chunk(png, [&](std::string_view type, std::span<const std::uint8_t> data) {
-      if (type == "IHDR") put_chunk(out, type, data);
+      if (type == "IHDR" || type == "tEXt") put_chunk(out, type, data);
     });
     std::vector<std::uint8_t> animation;
     put_u32(animation, static_cast<std::uint32_t>(format().count));

@@ -15,6 +15,26 @@ constexpr double kDisparities[] = {0, 1};
 /// The factor that brings a point seen at `seen` (from the centre, outwards positive) out to `half`.
 double needed(double seen, double half) { return seen > half / kLargestZoom ? half / seen : kLargestZoom; }
 
+/// Whether a photo that stands at one depth is seen at a place of a view, `at` from the centre in pixels.
+bool is_covered(const Camera& camera, const View& view, double depth, glm::dvec2 at) {
+  const glm::dmat3 back = glm::transpose(view.pose.rotation);
+  const glm::dvec3 eye = -(back * view.pose.translation);
+  const glm::dvec3 ray = back * glm::dvec3((at - view.shift) / (view.zoom * camera.focal), 1.0);
+  const double along = (depth - eye.z) / ray.z;
+  const glm::dvec2 place = glm::dvec2(eye + along * ray) * (camera.focal / depth);
+  return along > 0 && std::abs(place.x) <= camera.width / 2.0 && std::abs(place.y) <= camera.height / 2.0;
+}
+
+/// The part of a view's frame that a photo at one depth covers.
+double coverage(const Camera& camera, const View& view, double depth) {
+  int covered = 0;
+  for (int i = 0; i < kSamples * kSamples; ++i) {
+    const glm::dvec2 part((i % kSamples + 0.5) / kSamples - 0.5, (i / kSamples + 0.5) / kSamples - 0.5);
+    covered += is_covered(camera, view, depth, part * glm::dvec2(camera.width, camera.height)) ? 1 : 0;
+  }
+  return static_cast<double>(covered) / (kSamples * kSamples);
+}
+
 }  // namespace
 
 double edge_zoom(const Camera& camera, const std::vector<View>& views) {
@@ -40,6 +60,14 @@ double edge_zoom(const Camera& camera, const std::vector<View>& views) {
       }
     }
   return zoom;
+}
+
+double least_coverage(const Camera& camera, const std::vector<View>& views) {
+  double least = 1;
+  for (const View& view : views)
+    for (const double disparity : kDisparities)
+      least = std::min(least, coverage(camera, view, 1.0 / camera.inverse_depth(disparity)));
+  return least;
 }
 
 std::vector<View> without_edges(const Camera& camera, std::vector<View> views) {

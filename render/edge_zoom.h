@@ -14,4 +14,8 @@ namespace slide {
 /// The views with their zoom multiplied by edge_zoom() about the photo's centre.
 [[nodiscard]] std::vector<View> without_edges(const Camera& camera, std::vector<View> views);
 
+/// The smallest part of a frame, over the views, that the photo covers if all of it has the disparity, 0 or
+/// 1, that leaves more of the frame empty. Asked at 32×32 places of each frame.
+[[nodiscard]] double least_coverage(const Camera& camera, const std::vector<View>& views);
+
 }  // namespace slide

@@ -158,6 +158,9 @@ bool write_samples(Writer& w, const Image& image, int quality, const unsigned ch
   w.info.comp_info[0].h_samp_factor = 1;
   w.info.comp_info[0].v_samp_factor = 1;
   jpeg_start_compress(&w.info, TRUE);
+  constexpr std::array<JOCTET, 5> kMark = {'S', 'L', 'I', 'D',
+                                           'E'};  // by which require_replaceable() knows it
+  jpeg_write_marker(&w.info, JPEG_COM, kMark.data(), kMark.size());
   const std::size_t stride = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.channels);
   while (w.info.next_scanline < w.info.image_height) {
     JSAMPROW row = const_cast<unsigned char*>(samples) + w.info.next_scanline * stride;

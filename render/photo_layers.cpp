@@ -177,6 +177,13 @@ Layers layers_from(const graphs::SlideLayers& made) {
   return layers;
 }
 
+std::vector<std::string> map_files(const std::string& folder) {
+  std::vector<std::string> files = {folder + "/image.png", folder + "/background.png"};
+  for (const char* name : {"D", "D1", "A", "S", "S_hat", "H", "matte", "D_bg"})
+    for (const char* extension : {".pfm", ".exr"}) files.push_back(folder + "/" + name + extension);
+  return files;
+}
+
 std::vector<std::string> write_maps(const std::string& folder, const graphs::SlideLayers& made) {
   std::error_code failure;
   std::filesystem::create_directories(folder, failure);

@@ -23,20 +23,20 @@ enum class DepthKind {
   kDepth,      ///< distance, larger is farther; must be positive everywhere
   kInverted,   ///< disparity with the sign turned: larger is farther, black is near
 };
-/// @throws Error(kUsage) unless the name is "disparity" or "depth"
+/// @throws Error(kUsage) unless the name is "disparity", "inverted" or "depth"
 [[nodiscard]] DepthKind depth_kind(const std::string& name);
 
 /// A map given by the user as disparity at the photo's size: depth z becomes 1/z, then bilinear resampling if
 /// the sizes differ. Not normalised: make_layers() does that.
 /// @param name  the file, for messages
-/// @throws Error(kBadInput) if the aspect ratios differ by more than 2 %, or a depth is not positive (naming
+/// @throws Error(kBadInput) if the aspect ratios differ by more than 6 %, or a depth is not positive (naming
 /// the first
 ///   such pixel)
 [[nodiscard]] Tensor disparity_from_map(const Image& map, DepthKind kind, int width, int height,
                                         const std::string& name);
 
 /// A matte given by the user at the photo's size, clamped to [0, 1].
-/// @throws Error(kBadInput) if the aspect ratios differ by more than 2 %
+/// @throws Error(kBadInput) if the aspect ratios differ by more than 6 %
 [[nodiscard]] Tensor matte_from_map(const Image& map, int width, int height, const std::string& name);
 
 /// The image with its longer side at most `side` pixels, by averaging the area that each new pixel covers;
@@ -45,6 +45,9 @@ enum class DepthKind {
 
 /// What the rasterizer draws of what the graphs have made.
 [[nodiscard]] Layers layers_from(const graphs::SlideLayers& made);
+
+/// Every file that write_maps() may write into a folder.
+[[nodiscard]] std::vector<std::string> map_files(const std::string& folder);
 
 /// Writes the layers and all maps into a folder, which is made if it is missing: image.png and background.png
 /// with 16 bits, and D, D1, A, S, S_hat, H, matte, D_bg as .pfm (and .exr in builds with OpenImageIO), those

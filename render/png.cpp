@@ -125,6 +125,13 @@ bool write_samples(Writer& w, int width, int height, int bits, int colour_type, 
   png_set_IHDR(w.png, w.info, static_cast<png_uint_32>(width), static_cast<png_uint_32>(height), bits,
                colour_type, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
   png_set_compression_level(w.png, 6);
+  std::array<char, 9> key = {"Software"};
+  std::array<char, 6> mark = {"SLIDE"};  // by which require_replaceable() knows it
+  png_text text{};
+  text.compression = PNG_TEXT_COMPRESSION_NONE;
+  text.key = key.data();
+  text.text = mark.data();
+  png_set_text(w.png, w.info, &text, 1);
   png_write_info(w.png, w.info);
   png_write_image(w.png, rows);
   png_write_end(w.png, w.info);

@@ -4,10 +4,15 @@
 
 #include <algorithm>
 #include <exception>
+#include <future>
 #include <mutex>
+#include <thread>
+#include <vector>
 #if defined(__x86_64__)
 #include <xmmintrin.h>
 #endif
+
+#include "runtime/error.h"
 
 namespace slide {
 namespace {
@@ -77,6 +82,33 @@ WorkRanges::Range WorkRanges::take(std::int64_t taker) noexcept {
   return {};
 }
 
+namespace {
+
+/// Makes sure, once for each larger number, that so many threads can be started: OpenMP's runtime ends the
+/// process, leaving its files behind, where one cannot.
+void require_threads(int count) {
+  static std::atomic<int> proven{1};
+  if (count <= proven.load()) return;
+  std::vector<std::thread> threads;
+  std::promise<void> over;
+  const std::shared_future<void> end = over.get_future().share();
+  std::exception_ptr failure;
+  try {
+    threads.reserve(static_cast<std::size_t>(count));
+    for (int i = 1; i < count; ++i) threads.emplace_back([end] { end.wait(); });
+  } catch (...) {
+    failure = std::current_exception();
+  }
+  over.set_value();
+  for (std::thread& thread : threads) thread.join();
+  if (failure)
+    throw Error(ErrorKind::kOutOfMemory, std::to_string(count) + " threads cannot be started",
+                "fewer --threads need less");
+  proven = count;
+}
+
+}  // namespace
+
 int thread_index() noexcept { return omp_get_thread_num(); }
 
 void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body) {
@@ -86,6 +118,7 @@ void parallel_for(std::int64_t n, const std::function<void(std::int64_t)>& body)
     return;
   }
   const int threads = thread_count();
+  require_threads(threads);
   WorkRanges ranges(n, threads);
   std::exception_ptr failure;
   std::mutex failure_mutex;

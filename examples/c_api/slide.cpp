@@ -8,10 +8,13 @@
 #include "render/camera_path.h"
 #include "render/export.h"
 #include "render/image_file.h"
+#include "render/own_output.h"
 #include "render/photo_layers.h"
 #include "render/view.h"
+#include "runtime/atomic_file.h"
 #include "runtime/error.h"
 #include "runtime/error_model.h"
+#include "runtime/memory_limit.h"
 #include "runtime/program.h"
 #include "runtime/threads.h"
 #include "runtime/version.h"
@@ -22,6 +25,8 @@ struct slide_photo {
   std::vector<slide::View> views;
   slide::ExportOptions export_options;
   std::optional<slide::ViewRenderer> renderer;
+  bool overwrite = false;
+  std::string source;  ///< the file it comes from, which is never replaced
 };
 
 namespace {
@@ -60,7 +65,7 @@ slide::graphs::SlideLayers make_layers(const slide::graphs::SlideInput& input, c
     models.inpaint = files.open(text(s.inpaint_weights), "", "slide_inpaint", "inpaint");
   slide::graphs::SlideOptions options;
   options.layering.parallax = parallax;
-  options.memory_limit = s.memory_limit;
+  options.memory_limit = s.memory_limit != 0 ? s.memory_limit : slide::memory_of_process();
   const slide::PrecisionChoice choice = slide::precision_choice(
       text(s.precision), s.error_budget == 0 ? std::nullopt : std::optional(s.error_budget));
   options.precision = choice.precision;
@@ -82,6 +87,7 @@ std::unique_ptr<slide_photo> create(const slide::Image& colour, const slide::Ima
       photo->camera, {.parallax_percent = s.parallax_percent, .focus = s.focus, .frames = s.frames});
   photo->export_options.parallax_percent = s.parallax_percent;
   photo->export_options.focus = s.focus;
+  photo->overwrite = s.overwrite != 0;
   if (s.fps != 0) photo->export_options.fps = s.fps;
   slide::graphs::SlideInput input;
   input.image = slide::tensor_from_image(reduced);
@@ -116,6 +122,7 @@ void slide_settings_init(slide_settings* settings) {
                .inpaint_weights = nullptr,
                .precision = nullptr,
                .error_budget = 0,
+               .overwrite = 0,
                .progress = nullptr,
                .user = nullptr};
 }
@@ -144,7 +151,9 @@ slide_status slide_open(const char* path, const slide_settings* settings, slide_
     const slide::Photo file = slide::read_photo(path);
     const double exif =
         file.horizontal_fov ? *file.horizontal_fov * 180 / std::numbers::pi : slide::kDefaultFov;
-    *photo = create(file.colour, {}, s.fov_degrees > 0 ? s.fov_degrees : exif, s).release();
+    auto made = create(file.colour, {}, s.fov_degrees > 0 ? s.fov_degrees : exif, s);
+    made->source = path;
+    *photo = made.release();
   });
 }
 
@@ -173,6 +182,8 @@ slide_status slide_render(slide_photo* photo, double x, double y, double z, int 
 slide_status slide_export(const slide_photo* photo, const char* path) {
   return guarded([&] {
     require(photo != nullptr && path != nullptr, "photo or path is NULL");
+    require(!slide::same_file(path, photo->source), "the photo itself would be replaced");
+    if (!photo->overwrite) slide::require_replaceable(path);
     (void)slide::export_file(path, photo->layers, photo->camera, photo->views, photo->export_options);
   });
 }

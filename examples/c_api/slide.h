@@ -44,12 +44,13 @@ typedef struct slide_settings {
   int max_side;                /* larger photos are reduced to this, 16 to 16384; default 1536 */
   int frames;                  /* of an animation; default 60 */
   double fps;                  /* 0 (default): 30; a GIF has every second frame, at 15 */
-  size_t memory_limit;         /* bytes for a stage; 0 (default): none */
+  size_t memory_limit;         /* bytes for a stage; 0 (default): what the process can have */
   const char* depth_weights;   /* a safetensors file; NULL (default): the weights inside the library */
   const char* inpaint_weights; /* likewise; "fill": the depth-aware fill alone, no network */
   const char* precision;       /* "fp32", "bf16", "int8" or "auto"; NULL (default): fp32 */
   double error_budget;     /* relative error that a network's result may be expected to have, the precisions
                               down to that one mixed: 1e-7 to 1; 0 (default): none, for auto 0.01 */
+  int overwrite;           /* 1: slide_export() replaces files that it has not made, too; default 0 */
   slide_progress progress; /* NULL (default): none */
   void* user;              /* given to it */
 } slide_settings;
@@ -76,7 +77,8 @@ slide_status slide_render(slide_photo* photo, double x, double y, double z, int 
                           float* rgb);
 
 /* Writes the 3D photo, by extension: .html, .glb, .gif, .png (APNG), .mp4, .webm, .y4m, or a folder of
- * frames. */
+ * frames. A file that exists and that SLIDE has not made is replaced only with settings.overwrite, else it is
+ * SLIDE_USAGE. The photo's own file is never replaced. */
 slide_status slide_export(const slide_photo* photo, const char* path);
 
 /* Frees a photo; NULL is fine. */

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <filesystem>
 #include <numbers>
 
@@ -14,6 +15,7 @@
 #include "render/write_image.h"
 #include "runtime/error.h"
 #include "runtime/error_model.h"
+#include "runtime/memory_limit.h"
 
 namespace slide::run {
 namespace {
@@ -49,29 +51,27 @@ class Job {
 
   /// Refuses a photo that does not even fit into the memory allowed, before it is decoded.
   void check_header(int width, int height) const {
-    if (options_.max_memory.empty()) return;
     constexpr std::size_t kBytesPerPixel = 3 * sizeof(float) + 3;  // colours, and as the file has them
     const std::size_t bytes =
         static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * kBytesPerPixel;
-    if (bytes > parse_bytes(options_.max_memory))
+    if (bytes > memory_limit())
       throw Error(ErrorKind::kOutOfMemory,
                   input_ + " has " + std::to_string(width) + "x" + std::to_string(height) +
-                      " pixels and needs " + std::to_string(bytes >> 20) +
-                      " MiB to be read, more than --max-memory " + options_.max_memory,
+                      " pixels and needs " + std::to_string(bytes >> 20) + " MiB to be read, more than " +
+                      limit_name(),
                   "make it smaller first");
   }
 
   /// Refuses what needs more memory than allowed, before any work.
   void check_memory() {
-    const std::size_t limit = options_.max_memory.empty() ? 0 : parse_bytes(options_.max_memory);
     report_.planned_memory = planned_memory(
         static_cast<std::size_t>(report_.photo_width) * static_cast<std::size_t>(report_.photo_height),
         report_.height, report_.width, models_.choices(), tensors_, slide_options());
-    if (limit != 0 && report_.planned_memory > limit)
+    if (report_.planned_memory > memory_limit())
       throw Error(ErrorKind::kOutOfMemory,
                   input_ + ": " + std::to_string(report_.width) + "x" + std::to_string(report_.height) +
-                      " pixels need " + std::to_string(report_.planned_memory >> 20) +
-                      " MiB, more than --max-memory " + options_.max_memory,
+                      " pixels need " + std::to_string(report_.planned_memory >> 20) + " MiB, more than " +
+                      limit_name(),
                   "a smaller --max-side needs less");
   }
 
@@ -108,6 +108,15 @@ class Job {
   }
 
  private:
+  [[nodiscard]] std::size_t memory_limit() const {
+    return options_.max_memory.empty() ? memory_of_process() : parse_bytes(options_.max_memory);
+  }
+  [[nodiscard]] std::string limit_name() const {
+    return options_.max_memory.empty() ? "there is (" + std::to_string(memory_limit() >> 20) +
+                                             " MiB; --max-memory sets another limit)"
+                                       : "--max-memory " + options_.max_memory;
+  }
+
   void write_maps_and_masks() {
     if (!options_.layers.empty()) {
       const Timer timer(*this, "writing layers");
@@ -117,11 +126,9 @@ class Job {
     const Timer timer(*this, "writing masks");
     std::error_code failure;
     fs::create_directories(options_.dump_masks, failure);
-    const std::string stem = options_.dump_masks + "/" + fs::path(input_).stem().string();
-    write_png(report_.outputs.emplace_back(stem + ".occlusion.png"),
-              occlusion_mask(image_from_tensor(made_.occlusion)));
-    write_png(report_.outputs.emplace_back(stem + ".strokes.png"),
-              stroke_mask(report_.width, report_.height, seed()));
+    const std::array<std::string, 2> files = mask_files(input_, options_);
+    write_png(report_.outputs.emplace_back(files[0]), occlusion_mask(image_from_tensor(made_.occlusion)));
+    write_png(report_.outputs.emplace_back(files[1]), stroke_mask(report_.width, report_.height, seed()));
   }
 
   /// Adds a stage to the report when it ends.
@@ -155,6 +162,18 @@ class Job {
                  : make_path(camera_, path_options(path_kind(options_.path)));
     report_.parallax = largest_parallax(camera_, views_);
     report_.edge_zoom = options_.keep_edges ? 1 : edge_zoom(camera_, views_);
+    check_coverage();
+  }
+
+  /// Refuses a path on which more than half of a frame would be empty.
+  void check_coverage() {
+    constexpr double kLeast = 0.5;
+    report_.coverage = least_coverage(camera_, options_.keep_edges ? views_ : without_edges(camera_, views_));
+    if (report_.coverage < kLeast)
+      throw Error(ErrorKind::kUsage,
+                  input_ + ": the camera leaves the photo: as little as " +
+                      std::to_string(std::lround(100 * report_.coverage)) + " % of a frame would show it",
+                  "a smaller --parallax, a --focus nearer to 0.5 or a smaller --fov keeps it in view");
   }
 
   [[nodiscard]] PathOptions path_options(PathKind kind) const {
@@ -248,6 +267,11 @@ std::vector<std::string> output_names(const std::string& input, bool many, const
     require_known(output, options);
   }
   return names;
+}
+
+std::array<std::string, 2> mask_files(const std::string& input, const Options& options) {
+  const std::string stem = options.dump_masks + "/" + fs::path(input).stem().string();
+  return {stem + ".occlusion.png", stem + ".strokes.png"};
 }
 
 void run_job(const std::string& input, bool many, const Options& options, const Models& models,

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <string>
 #include <vector>
 
@@ -21,6 +22,7 @@ struct JobReport {
   std::string fov_origin;                 ///< "--fov", "EXIF", "default"
   double parallax = 0;                    ///< P, pixels
   double edge_zoom = 1;
+  double coverage = 1;  ///< least_coverage() of the frames
   graphs::SlideReport slide;
   std::string depth_origin;
   std::string matting_origin;
@@ -39,6 +41,9 @@ using Meter = std::function<void(const std::string& stage, double part)>;
 /// @throws Error of any kind; what was finished before it stays in `report`
 void run_job(const std::string& input, bool many, const Options& options, const Models& models,
              const Meter& meter, JobReport& report);
+
+/// Where --dump-masks writes the occlusion mask and the strokes of one photo.
+[[nodiscard]] std::array<std::string, 2> mask_files(const std::string& input, const Options& options);
 
 /// The outputs' names for one photo: "{}" replaced by its name without extension, the default if there are
 /// none.

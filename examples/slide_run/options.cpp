@@ -3,6 +3,7 @@
 #include <cmath>
 #include <limits>
 
+#include "graphs/layering.h"
 #include "runtime/cpu.h"
 #include "runtime/error.h"
 #include "runtime/version.h"
@@ -21,6 +22,18 @@ constexpr const char* kExamples = R"(Examples:
 
 Exit codes: 0 done, 1 some inputs failed, 2 usage, 3 bad input file, 4 bad weights, 5 out of memory or over
 --max-memory, 6 internal error, 7 an output could not be written.)";
+
+/// CLI::Range for numbers that may not be "nan", which it lets through.
+CLI::Validator within(double low, double high) {
+  const std::string range = CLI::detail::to_string(low) + " to " + CLI::detail::to_string(high);
+  return CLI::Validator(
+      [=](const std::string& text) {
+        double value = 0;
+        const bool good = CLI::detail::lexical_cast(text, value) && value >= low && value <= high;
+        return good ? std::string() : "'" + text + "' is not a number in " + range;
+      },
+      range);
+}
 
 void declare_input(CLI::App& app, Options& o) {
   app.add_option("photo", o.inputs, "Photos, or folders of photos")->type_name("FILE");
@@ -101,11 +114,11 @@ void declare_path(CLI::App& app, Options& o) {
       ->capture_default_str();
   app.add_option("--parallax", o.parallax, "How far near moves against far, percent of the photo's width")
       ->group(group)
-      ->check(CLI::Range(0.0, 50.0))
+      ->check(within(0, 50))
       ->capture_default_str();
   app.add_option("--focus", o.focus, "The disparity that stands still: 0 far, 1 near")
       ->group(group)
-      ->check(CLI::Range(0.0, 1.0))
+      ->check(within(0, 1))
       ->capture_default_str();
   app.add_option("--frames", o.frames, "Frames of the path")
       ->group(group)
@@ -113,7 +126,7 @@ void declare_path(CLI::App& app, Options& o) {
       ->capture_default_str();
   app.add_option("--fps", o.fps, "Frames per second. Default: 30; a GIF has every second frame, at 15")
       ->group(group)
-      ->check(CLI::Range(0.1, 1000.0));
+      ->check(within(0.1, 1000));
   app.add_option(
          "--size", o.size,
          "Size of the frames: WIDTHxHEIGHT, or the longer side. Default: the photo's, for a GIF at most 480")
@@ -125,22 +138,37 @@ void declare_path(CLI::App& app, Options& o) {
 
 void declare_geometry(CLI::App& app, Options& o) {
   const char* geometry = "Geometry";
-  app.add_option("--near", o.near_depth, "Depth of disparity 1")->group(geometry)->capture_default_str();
-  app.add_option("--far", o.far_depth, "Depth of disparity 0")->group(geometry)->capture_default_str();
+  app.add_option("--near", o.near_depth, "Depth of disparity 1")
+      ->group(geometry)
+      ->check(within(1e-6, 1e12))
+      ->capture_default_str();
+  app.add_option("--far", o.far_depth, "Depth of disparity 0")
+      ->group(geometry)
+      ->check(within(1e-6, 1e12))
+      ->capture_default_str();
   app.add_option("--fov", o.fov, "Horizontal field of view in degrees. Default: the photo's EXIF, else 53.13")
       ->group(geometry)
-      ->check(CLI::Range(1.0, 170.0));
+      ->check(within(1, 170));
   const char* layering = "Soft layering (P is the largest parallax in pixels)";
-  app.add_option("--beta", o.beta, "Steepness of the visibility. Default: P^2/12")->group(layering);
-  app.add_option("--gamma", o.gamma, "Steepness of the disocclusion. Default: P")->group(layering);
+  app.add_option("--beta", o.beta, "Steepness of the visibility. Default: P^2/12")
+      ->group(layering)
+      ->check(within(0, graphs::kLargestBeta));
+  app.add_option("--gamma", o.gamma, "Steepness of the disocclusion. Default: P")
+      ->group(layering)
+      ->check(within(0, graphs::kLargestGamma));
   app.add_option("--rho", o.rho, "Disparity that a pixel of distance is worth. Default: 1/P")
-      ->group(layering);
-  app.add_option("--radius", o.radius, "Window of the disocclusion in pixels. Default: P")->group(layering);
+      ->group(layering)
+      ->check(within(0, graphs::kLargestRho));
+  app.add_option("--radius", o.radius, "Window of the disocclusion in pixels. Default: P")
+      ->group(layering)
+      ->check(CLI::Range(0, graphs::kLargestLength));
   app.add_option("--sigma", o.sigma, "Blur of the disparity in pixels")
       ->group(layering)
+      ->check(within(0, graphs::kLargestLength))
       ->capture_default_str();
   app.add_option("--maxpool", o.maxpool, "Max-pool of the disparity in pixels, odd")
       ->group(layering)
+      ->check(CLI::Range(1, graphs::kLargestLength))
       ->capture_default_str();
 }
 
@@ -150,7 +178,7 @@ void declare_running(CLI::App& app, Options& o) {
          "--mesh-tolerance", o.mesh_tolerance,
          "Merge triangles where that moves nothing by more than this many pixels; 0: one vertex a pixel")
       ->group(drawing)
-      ->check(CLI::Range(0.0, 100.0))
+      ->check(within(0, 100))
       ->capture_default_str();
   app.add_flag("--supersample", o.supersample, "Average 2x2 samples for each pixel")->group(drawing);
   const char* running = "Running";
@@ -185,6 +213,9 @@ void declare_running(CLI::App& app, Options& o) {
   app.add_flag("--explain", o.explain, "Say what was modelled and what was skipped, with the numbers")
       ->group(running);
   app.add_flag("--plan", o.plan, "Print how the networks would run on this photo, and stop")->group(running);
+  app.add_flag("--overwrite", o.overwrite,
+               "Replace existing files that SLIDE has not made, too; inputs are never replaced")
+      ->group(running);
   app.add_flag("-q,--quiet", o.quiet, "Print nothing but errors")->group(running);
   app.add_flag("--json", o.json, "Print a report as JSON")->group(running);
 }
@@ -207,6 +238,15 @@ void declare_help(CLI::App& app, Options& o) {
       ->group(group);
 }
 
+/// Options that mean something only with another one, or only without it.
+void declare_dependencies(CLI::App& app) {
+  CLI::Option* const depth = app.get_option("--depth");
+  app.get_option("--depth-kind")->needs(depth);
+  for (const char* network : {"--depth-weights", "--depth-model"}) app.get_option(network)->excludes(depth);
+  CLI::Option* const stereo = app.get_option("--stereo");
+  for (const char* moving : {"--path", "--frames", "--fps"}) app.get_option(moving)->excludes(stereo);
+}
+
 }  // namespace
 
 void declare(CLI::App& app, Options& options) {
@@ -219,6 +259,7 @@ void declare(CLI::App& app, Options& options) {
   declare_networks(app, options);
   declare_running(app, options);
   declare_help(app, options);
+  declare_dependencies(app);
 }
 
 std::size_t parse_bytes(const std::string& text) {

@@ -67,6 +67,7 @@ struct Options {
   bool whole_image = false;
   bool explain = false;
   bool plan = false;
+  bool overwrite = false;
   bool quiet = false;
   bool json = false;
 

@@ -85,6 +85,7 @@ nlohmann::json to_json(const JobReport& r) {
   j["worked_on"] = {{"width", r.width}, {"height", r.height}};
   j["parallax_pixels"] = r.parallax;
   j["edge_zoom"] = r.edge_zoom;
+  j["coverage"] = r.coverage;
   j["layering"] = {{"beta", l.beta},     {"gamma", l.gamma}, {"rho", l.rho},
                    {"radius", l.radius}, {"sigma", l.sigma}, {"maxpool", l.maxpool}};
   j["depth"] = r.depth_origin;
@@ -144,6 +145,11 @@ void print_summary(const JobReport& r, bool explained) {
     else
       std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
   if (explained) explain(r);
+  if (r.coverage < 0.995)
+    std::fprintf(
+        stderr,
+        "the photo's edge may show: up to %.0f %% of a frame is empty (less with a smaller --parallax)\n",
+        100 * (1 - r.coverage));
   for (const std::string& output : r.outputs)
     std::fprintf(stderr, "wrote %s%s\n", output.c_str(), file_size(output).c_str());
 }

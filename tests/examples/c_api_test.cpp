@@ -131,7 +131,18 @@ TEST_CASE("C API: a photo comes from a file and becomes a page") {
   CHECK(bytes_of_file(folder.file("photo.html")).size() > 5000);
   CHECK(slide_export(photo.photo, folder.file("photo.doc").c_str()) == SLIDE_USAGE);
   CHECK(message_has("photo.doc"));
-  CHECK(folder.entries() == 2);
+  // Neither its own file nor another program's is replaced.
+  CHECK(slide_export(photo.photo, folder.file("photo.png").c_str()) == SLIDE_USAGE);
+  write_bytes(folder.file("other.gif"), std::as_bytes(std::span("of somebody else", 16)));
+  CHECK(slide_export(photo.photo, folder.file("other.gif").c_str()) == SLIDE_USAGE);
+  CHECK(message_has("other.gif"));
+  slide_settings overwriting = settings;
+  overwriting.overwrite = 1;
+  Photo second;
+  REQUIRE(slide_open(folder.file("photo.png").c_str(), &overwriting, &second.photo) == SLIDE_OK);
+  CHECK(slide_export(second.photo, folder.file("photo.png").c_str()) == SLIDE_USAGE);
+  CHECK(slide_export(second.photo, folder.file("other.gif").c_str()) == SLIDE_OK);
+  CHECK(folder.entries() == 3);
 }
 
 TEST_CASE("C API: wrong arguments are refused with a message") {

@@ -154,6 +154,25 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--depth", scene.depth, "--depth-kind", "deep"},
       {scene.photo, "--depth", scene.depth, "--maxpool", "4"},
       {scene.photo, "--depth", scene.depth, "--path", "spiral"},
+      // out of range, or no number
+      {scene.photo, "--sigma", "1e9"},
+      {scene.photo, "--gamma", "1e308"},
+      {scene.photo, "--rho", "inf"},
+      {scene.photo, "--beta", "-1"},
+      {scene.photo, "--near", "nan"},
+      {scene.photo, "--mesh-tolerance", "nan", "-o", folder.file("x.gif")},
+      {scene.photo, "--parallax", "nan"},
+      // contradictory, or without effect
+      {scene.photo, "--saliency-weights", "formula"},
+      {scene.photo, "--matting-model", "fba"},
+      {scene.photo, "--depth", scene.depth, "--depth-weights", "formula"},
+      {scene.photo, "--depth-kind", "depth"},
+      {scene.photo, "--path", "swing", "--stereo", "sbs"},
+      {scene.photo, "--frames", "9", "--stereo", "sbs"},
+      {scene.photo, "--fps", "25"},
+      {scene.photo, "--size", "64", "-o", folder.file("x.glb")},
+      // the camera looks past the photo
+      {scene.photo, "--depth", scene.depth, "--parallax", "50", "--focus", "1", "--fov", "170"},
   };
   for (const auto& call : calls) {
     const ProgramResult result = slide_run(call);
@@ -260,7 +279,6 @@ TEST_CASE("no output replaces an input, and each -o takes one name") {
       {scene.photo, "-o", link},
       {scene.photo, "-o", folder.file("PHOTO.PNG")},
       {scene.photo, "-o", folder.file("a.gif"), other},
-      {scene.photo, "--layers", folder.file("")},
       {scene.photo, folder.file("photo.jpg"), "-o", folder.file("{}.gif")},
       {scene.photo, "--depth", scene.depth, "-o", folder.file("./photo.png")}};
   for (const std::vector<std::string>& call : calls) {
@@ -273,6 +291,72 @@ TEST_CASE("no output replaces an input, and each -o takes one name") {
   CHECK_MESSAGE(first.code == 0, first.errors);
   CHECK(fs::exists(folder.file("x.html")));
 }
+
+TEST_CASE("what SLIDE has not made is replaced only with --overwrite, what it has made always") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  fs::create_directory(folder.file("layers"));
+  fs::create_directory(folder.file("frames"));
+  // Another program's files: a PNG without SLIDE's mark, and text.
+  const std::string png_of_others = SLIDE_TEST_DATA "/images/rgb_8.png";
+  const std::vector<std::string> outputs = {"a.png", "a.gif", "a.html", "a.glb", "a.y4m"};
+  fs::copy_file(png_of_others, folder.file("s.png"));
+  for (const std::string& name : outputs) fs::copy_file(png_of_others, folder.file(name));
+  fs::copy_file(png_of_others, folder.file("layers/image.png"));
+  fs::copy_file(png_of_others, folder.file("frames/frame_0001.png"));
+  std::vector<std::vector<std::string>> calls;
+  for (const std::string& name : outputs) calls.push_back({"-o", folder.file(name)});
+  calls.push_back({"-o", folder.file("frames/")});
+  calls.push_back({"-o", folder.file("b.y4m"), "--layers", folder.file("layers")});
+  calls.push_back({"-o", folder.file("s.png"), "--stereo", "sbs"});
+  const auto run = [&](std::vector<std::string> call, bool overwrite) {
+    call.insert(call.begin(), {scene.photo, "--depth", scene.depth, "-q"});
+    if (overwrite) call.push_back("--overwrite");
+    const ProgramResult result = slide_run(call);
+    if (!overwrite && result.code == 2) CHECK(contains(result.errors, "--overwrite"));
+    return result.code;
+  };
+  for (const auto& call : calls) {
+    CAPTURE(call[1]);
+    CHECK(run(call, false) == 2);
+    CHECK(run(call, true) == 0);
+    CHECK(run(call, false) == 0);
+  }
+  // No --overwrite for an input.
+  CHECK(run({"-o", scene.photo}, true) == 2);
+  fs::copy_file(scene.photo, folder.file("frames/frame_0002.png"), fs::copy_options::overwrite_existing);
+  CHECK(slide_run({folder.file("frames/frame_0002.png"), "-o", folder.file("frames/"), "--overwrite"}).code ==
+        2);
+}
+
+TEST_CASE("links that lead nowhere fail as one photo among others") {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.file("photos"));
+  const Scene scene(folder);
+  fs::copy(scene.photo, folder.file("photos/good.png"));
+  fs::create_symlink("loop.jpg", folder.file("photos/loop.jpg"));
+  fs::create_symlink("none.jpg", folder.file("photos/nowhere.jpg"));
+  fs::create_symlink("link", folder.file("link"));
+  const ProgramResult result =
+      slide_run({folder.file("photos"), folder.file("link"), "-o", folder.file("{}.y4m"), "--frames", "2",
+                 "--depth-weights", "formula", "--depth-model", "slide_depth", "--inpaint-model", "fill"});
+  CHECK(result.code == 1);
+  CHECK(contains(result.errors, "4 photos, 1 done, 3 failed"));
+  CHECK(fs::exists(folder.file("good.y4m")));
+}
+
+#if SLIDE_PLAIN_MEMORY  // no sanitizer's shadow memory, no emulator
+TEST_CASE("threads that cannot be started are exit code 5") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const ProgramResult result = slide::test::run_program(
+      "sh", {"-c", "ulimit -v 4000000; exec \"$0\" \"$@\"", SLIDE_RUN, scene.photo, "--depth", scene.depth,
+             "--threads", "1000", "-o", folder.file("x.gif"), "-q"});
+  CHECK(result.code == 5);
+  CHECK(contains(result.errors, "threads"));
+  CHECK(folder.entries() == 2);
+}
+#endif
 
 TEST_CASE("a GIF is small unless a size or a rate is asked for") {
   const TemporaryFolder folder;

@@ -45,3 +45,17 @@ TEST_CASE("with the zoom no view shows anything but the photo, whatever its reli
     }
   }
 }
+
+TEST_CASE("what a path leaves of the photo is what the far plane's shift leaves") {
+  // With disparity 1 standing still, disparity 0 moves by P at both ends of a swing: half of the width.
+  const Camera camera = make_camera(200, 100);
+  const auto coverage = [&](PathKind kind, double parallax, double focus) {
+    return least_coverage(
+        camera, make_path(camera, {.kind = kind, .parallax_percent = parallax, .focus = focus, .frames = 8}));
+  };
+  CHECK(least_coverage(camera, {View{}}) == 1);
+  CHECK(coverage(PathKind::kSwing, 50, 1) == doctest::Approx(0.5));
+  CHECK(coverage(PathKind::kSwing, 25, 0) == doctest::Approx(0.75));
+  CHECK(coverage(PathKind::kCircle, 50, 1) == 0);  // half of the width is all of the height
+  CHECK(least_coverage(camera, without_edges(camera, make_path(camera, {.parallax_percent = 4}))) == 1);
+}
