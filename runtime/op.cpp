@@ -1,5 +1,6 @@
 #include "runtime/op.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace slide {
@@ -8,6 +9,10 @@ void Op::error_scale(std::span<const Tensor> /*inputs*/, const Tensor& output, T
   const std::span<const double> y = output.data<double>();
   const std::span<double> s = scale.mutable_data<double>();
   for (std::size_t i = 0; i < y.size(); ++i) s[i] = std::fabs(y[i]);
+}
+
+double Op::definition_factor(std::span<const Shape> inputs, const Shape& output) const {
+  return 16 + macs(inputs, output) / static_cast<double>(std::max<std::int64_t>(1, output.count()));
 }
 
 double Op::error_share(std::size_t index, std::span<const Shape> inputs) const {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
@@ -19,6 +20,22 @@ class Op;
 /// The least and the largest value that a tensor is expected to hold.
 struct Range {
   float low, high;
+};
+
+/// What a NaN or an infinity among a kernel's inputs may spoil.
+enum class Reach {
+  kDefinition,  ///< what the definition makes NaN or infinite of it, and nothing else
+  kImage,       ///< all of the image (index along the first axis) that it is in; in a weight, of every image
+};
+
+/// Where a kernel's bound holds. Outside, an element may come out as NaN or an infinity, never as a wrong
+/// number. Denormal inputs and results may count as zero at every kernel. NaN never becomes a number.
+struct Domain {
+  /// Of every input's finite elements.
+  double largest_input = std::numeric_limits<float>::max();
+  /// Of the kernel's error scale at an element: partial results are within it.
+  double largest_scale = std::numeric_limits<float>::max();
+  Reach reach = Reach::kDefinition;
 };
 
 /// What a kernel is given beside the tensors of a call.
@@ -78,6 +95,8 @@ class Kernel {
                            Tensor& /*scale*/) const {
     return false;
   }
+  /// Where this bound holds.
+  [[nodiscard]] virtual Domain domain() const { return {}; }
   /// Multiply-accumulates that it really does; Op::macs() unless the method saves some.
   [[nodiscard]] virtual double macs(const Op& op, std::span<const Shape> inputs, const Shape& output) const;
   /// The root mean square of its error relative to that of the result, as expected for exact inputs: for
@@ -113,6 +132,9 @@ class Op {
   /// For each output element the positive number that rounding errors are measured against (F64, shape of the
   /// output): |w| ∗ |x| + |b| for a convolution, |y| for a pointwise function. The default is |y|.
   virtual void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const;
+  /// c of the definition's own bound: |y64 - y| <= c · 2^-53 · scale for the exact result y. By default 16
+  /// and the terms of macs().
+  [[nodiscard]] virtual double definition_factor(std::span<const Shape> inputs, const Shape& output) const;
   /// Multiply-accumulates of the definition; 0 where the count means nothing.
   [[nodiscard]] virtual double macs(std::span<const Shape> /*inputs*/, const Shape& /*output*/) const {
     return 0;

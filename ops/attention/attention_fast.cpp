@@ -33,6 +33,8 @@ class AttentionKernel : public LevelKernel<AttentionOp, AttentionBlockRoutines> 
     const AttentionExtents e = static_cast<const AttentionOp&>(op).extents(inputs);
     return static_cast<std::size_t>(thread_count() * slot_size(e)) * sizeof(float);
   }
+  /// A key's weight may round to zero, which times an infinite value is NaN.
+  [[nodiscard]] Domain domain() const override { return {.reach = Reach::kImage}; }
 
  private:
   /// Of the weighted sum, relative to its terms: a block's keys are added in order, then each block costs 4

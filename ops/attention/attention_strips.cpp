@@ -184,8 +184,20 @@ void AttentionStrips::multiply(const Conv2dGemm& method, const float* x, const f
   method.run({x, memory.data(), nullptr, nullptr, y}, memory.subspan(packed_bytes(method)));
 }
 
+AttentionStrips::Units AttentionStrips::units_of(const float* foreground, const float* background) const {
+  constexpr float kLarge = 0x1p40F;
+  const auto unit = [&](const float* x) {
+    float largest = 0;
+    for (std::int64_t i = 0; i < g_.channels * g_.plane(); ++i)
+      if (std::isfinite(x[i])) largest = std::max(largest, std::fabs(x[i]));
+    return largest > kLarge ? std::ldexp(1.0F, -std::ilogb(largest)) : 1.0F;
+  };
+  return {unit(foreground), unit(background)};
+}
+
 /// Every rate-th pixel; of the background with zeros around.
-void AttentionStrips::reduce(const float* foreground, const float* background, const Memory& m) const {
+void AttentionStrips::reduce(const float* foreground, const float* background, const Units& units,
+                             const Memory& m) const {
   parallel_for(g_.channels, [&](std::int64_t c) {
     float* padded = m.background + c * line_count_;
     std::fill_n(padded, line_count_, 0.0F);
@@ -193,8 +205,8 @@ void AttentionStrips::reduce(const float* foreground, const float* background, c
       const std::int64_t i = p / g_.columns;
       const std::int64_t j = p % g_.columns;
       const std::int64_t from = c * g_.plane() + (i * g_.width + j) * g_.rate;
-      m.foreground[p * g_.channels + c] = foreground[from];
-      padded[(i + margin_) * line_width_ + j + margin_] = background[from];
+      m.foreground[p * g_.channels + c] = foreground[from] * units.foreground;
+      padded[(i + margin_) * line_width_ + j + margin_] = background[from] * units.background;
     }
   });
 }
@@ -216,8 +228,8 @@ void AttentionStrips::list_blocks(const float* background, const Memory& m) cons
 }
 
 void AttentionStrips::prepare(const float* foreground, const float* background, const float* mask,
-                              const float* fuse_weight, const Memory& m) const {
-  reduce(foreground, background, m);
+                              const float* fuse_weight, const Units& units, const Memory& m) const {
+  reduce(foreground, background, units, m);
   list_blocks(background, m);
   std::fill_n(m.zeros, weight_size_, 0.0F);
   std::fill_n(m.weights, 2 * g_.columns * weight_size_, 0.0F);
@@ -239,7 +251,8 @@ void AttentionStrips::prepare(const float* foreground, const float* background, 
           squares += value * value;
         }
       }
-    m.inverse_norm[l] = static_cast<float>(1 / std::max(std::sqrt(squares), 1e-4));
+    m.inverse_norm[l] =
+        static_cast<float>(1 / std::max(std::sqrt(squares), 1e-4 * static_cast<double>(units.background)));
     m.usable[l] = masked == 0 ? 1.0F : 0.0F;
   });
 }
@@ -327,10 +340,10 @@ float* AttentionStrips::weights_of(std::int64_t row, std::int64_t x, const Memor
   return m.weights + (row % 2 * g_.columns + x) * weight_size_;
 }
 
-void AttentionStrips::softmax(std::int64_t row, const Memory& m) const {
+void AttentionStrips::softmax(std::int64_t row, float scale, const Memory& m) const {
   parallel_for(g_.columns, [&](std::int64_t x) {
     float* scores = m.twice + x * n_;
-    routines_.multiply(static_cast<float>(g_.softmax_scale), m.usable, scores, n_);
+    routines_.multiply(scale, m.usable, scores, n_);
     const float sum = routines_.exponentials(routines_.largest(scores, n_), scores, n_);
     routines_.multiply(1.0F / sum, m.usable, scores, n_);
     float* to = weights_of(row, x, m) + g_.columns + 2;
@@ -367,7 +380,8 @@ void AttentionStrips::paste(std::int64_t block_row, float* y, const Memory& m) c
 void AttentionStrips::run(const float* foreground, const float* background, const float* mask,
                           const float* fuse_weight, float* y, std::span<std::byte> scratch) const {
   const Memory m = memory(scratch);
-  prepare(foreground, background, mask, fuse_weight, m);
+  const Units units = units_of(foreground, background);
+  prepare(foreground, background, mask, fuse_weight, units, m);
   Held held{{m.lines, g_.patch, g_.columns * line_count_},
             {m.scores, score_rows_, g_.columns * n_},
             {m.fused, g_.fuse, g_.columns * n_}};
@@ -378,7 +392,7 @@ void AttentionStrips::run(const float* foreground, const float* background, cons
     fuse_columns(
         row, held.fused.strips(wanted, [&](std::int64_t r, float* strip) { fuse_strip(r, strip, held, m); }),
         m);
-    softmax(row, m);
+    softmax(row, static_cast<float>(g_.softmax_scale) / units.foreground, m);
     paste(row, y, m);
   }
   paste(g_.rows, y, m);

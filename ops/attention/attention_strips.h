@@ -53,15 +53,20 @@ class AttentionStrips {
   [[nodiscard]] Memory memory(std::span<std::byte> scratch) const noexcept;
   static void multiply(const Conv2dGemm& method, const float* x, const float* weight, float* y,
                        std::span<std::byte> memory);
+  /// Powers of two that bring features of more than 2^40 down to about 1 for the products of pixels.
+  struct Units {
+    float foreground = 1, background = 1;
+  };
   void prepare(const float* foreground, const float* background, const float* mask, const float* fuse_weight,
-               const Memory& m) const;
-  void reduce(const float* foreground, const float* background, const Memory& m) const;
+               const Units& units, const Memory& m) const;
+  [[nodiscard]] Units units_of(const float* foreground, const float* background) const;
+  void reduce(const float* foreground, const float* background, const Units& units, const Memory& m) const;
   void list_blocks(const float* background, const Memory& m) const;
   void line_strip(std::int64_t row, float* lines, const Memory& m) const;
   void score_strip(std::int64_t row, float* scores, HeldRows& lines, const Memory& m) const;
   void fuse_strip(std::int64_t row, float* fused, Held& held, const Memory& m) const;
   void fuse_columns(std::int64_t row, const std::vector<const float*>& strips, const Memory& m) const;
-  void softmax(std::int64_t row, const Memory& m) const;
+  void softmax(std::int64_t row, float scale, const Memory& m) const;
   void paste(std::int64_t block_row, float* y, const Memory& m) const;
   /// Weights of foreground position (row, x) over the background, with a column of zeros behind each row of
   /// positions and zeros before and behind.

@@ -108,6 +108,16 @@ class Conv2dKernel : public Kernel {
   [[nodiscard]] double unit_roundoff() const override {
     return kUnits[static_cast<std::size_t>(Method::kPrecision)];
   }
+  /// A transformed input's magnitude is the input's times `growth` at most; bfloat16 rounds to infinity what
+  /// is beyond its largest number.
+  [[nodiscard]] Domain domain() const override {
+    constexpr double kLargestBf16 = 0x1.FEp127;
+    Domain d;
+    if (Method::kPrecision == Precision::kBf16) d.largest_input = kLargestBf16;
+    if constexpr (requires { Method::kInputGrowth; }) d.largest_input /= Method::kInputGrowth;
+    if (Method::kPrecision == Precision::kInt8 || requires { Method::kInputGrowth; }) d.reach = Reach::kImage;
+    return d;
+  }
   [[nodiscard]] double macs(const Op& op, std::span<const Shape> inputs,
                             const Shape& /*output*/) const override {
     return method(op, inputs).macs();

@@ -8,7 +8,8 @@
 namespace slide::ops {
 namespace {
 
-/// y[i, j] += w · x[i·stride_y + dy, j·stride_x + dx] wherever that lies inside the plane x.
+/// y[i, j] += w · x[i·stride_y + dy, j·stride_x + dx], which is 0 outside the plane x: a weight that is NaN
+/// or infinite makes NaN there.
 void add_tap(const Conv2dGeometry& g, double w, const double* x, std::int64_t dy, std::int64_t dx,
              double* y) {
   const TapRange rows = tap_range(dy, g.stride_y, g.height, g.oheight);
@@ -21,6 +22,11 @@ void add_tap(const Conv2dGeometry& g, double w, const double* x, std::int64_t dy
     else
       for (std::int64_t j = columns.first; j < columns.last; ++j) target[j] += w * source[j * g.stride_x];
   }
+  if (std::isfinite(w)) return;
+  for (std::int64_t i = 0; i < g.oheight; ++i)
+    for (std::int64_t j = 0; j < g.owidth; ++j)
+      if (i < rows.first || i >= rows.last || j < columns.first || j >= columns.last)
+        y[i * g.owidth + j] += w * 0;
 }
 
 /// One output channel of one image.

@@ -166,7 +166,7 @@ struct Conv2dRoutines {
   void (*gather_copies)(const WordGather& gather, std::int64_t depth, float* b);
 
   /// The least and the largest of x[0...count), and 0.
-  void (*range)(const float* x, std::int64_t count, float* low, float* high);
+  bool (*range)(const float* x, std::int64_t count, float* low, float* high);
 
   /// y[j] = elu(a[j]) · sigmoid(g[j]) for j < count. a and g are read up to a multiple of the vector width.
   void (*gate)(const float* a, const float* g, float* y, std::int64_t count);

@@ -266,27 +266,31 @@ void fill_rows(const WordSource& s, const WordRows& r, float* y) {
   fill_rows_inside<P, 0, true>(s, x, r, y, first, last);
 }
 
-void range(const float* x, std::int64_t count, float* low, float* high) {
-  constexpr int kSums = 4;  // independent of each other, to hide latency
-  Float least[kSums], most[kSums];
-  for (int s = 0; s < kSums; ++s) least[s] = most[s] = simd::zero();
+bool range(const float* x, std::int64_t count, float* low, float* high) {
+  constexpr int kSums = 4;                        // independent of each other, to hide latency
+  Float least[kSums], most[kSums], zeros[kSums];  // 0·x: NaN once an x is NaN or infinite
+  for (int s = 0; s < kSums; ++s) least[s] = most[s] = zeros[s] = simd::zero();
   std::int64_t i = 0;
   for (; i + kSums * kWidth <= count; i += kSums * kWidth) SLIDE_UNROLLED for (int s = 0; s < kSums; ++s) {
       const Float v = simd::load(x + i + s * kWidth);
       least[s] = simd::min(v, least[s]);
       most[s] = simd::max(v, most[s]);
+      zeros[s] = simd::fma(v, simd::zero(), zeros[s]);
     }
   for (; i < count; i += kWidth) {
     const Float v = load_some(x + i, count - i);
     least[0] = simd::min(v, least[0]);
     most[0] = simd::max(v, most[0]);
+    zeros[0] = simd::fma(v, simd::zero(), zeros[0]);
   }
   for (int s = 1; s < kSums; ++s) {
     least[0] = simd::min(least[s], least[0]);
     most[0] = simd::max(most[s], most[0]);
+    zeros[0] = zeros[0] + zeros[s];
   }
   *high = simd::max_of_lanes(most[0]);
   *low = -simd::max_of_lanes(-least[0]);
+  return simd::sum_of_lanes(zeros[0]) == 0;
 }
 
 }  // namespace

@@ -59,8 +59,8 @@ void gradients(const Tensor& input, Tensor& output, double minus, F f) {
         for (int u = 0; u < 3; ++u)
           for (int v = 0; v < 3; ++v) {
             const double value = f(replicated(x, in, i + u - 1, j + v - 1));
-            gx += kSmooth[u] * slope[v] * value;
-            gy += slope[u] * kSmooth[v] * value;
+            if (slope[v] != 0) gx += kSmooth[u] * slope[v] * value;  // nothing of a NaN that has no weight
+            if (slope[u] != 0) gy += slope[u] * kSmooth[v] * value;
           }
         y[i * in.w + j] = gx / 8;
         y[in.plane() + i * in.w + j] = gy / 8;

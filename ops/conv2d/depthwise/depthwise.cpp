@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cmath>
 #include <cstring>
 #include <limits>
 
@@ -179,6 +180,21 @@ void Conv2dDepthwise::run_filter(std::int64_t plane, std::int64_t filter, const 
   }
 }
 
+/// A weight that is NaN or infinite makes NaN where it meets padding, whose zeros are not multiplied.
+void Conv2dDepthwise::spoil_padded(const float* weight, float* y) const {
+  for (std::int64_t k = 0; k < g_.depth(); ++k) {
+    if (std::isfinite(weight[k])) continue;
+    const TapRange rows =
+        tap_range(k / g_.kwidth * g_.dilation_y - g_.top, g_.stride_y, g_.height, g_.oheight);
+    const TapRange columns =
+        tap_range(k % g_.kwidth * g_.dilation_x - g_.left, g_.stride_x, g_.width, g_.owidth);
+    for (std::int64_t i = 0; i < g_.oheight; ++i)
+      for (std::int64_t j = 0; j < g_.owidth; ++j)
+        if (i < rows.first || i >= rows.last || j < columns.first || j >= columns.last)
+          y[i * g_.owidth + j] = std::numeric_limits<float>::quiet_NaN();
+  }
+}
+
 void Conv2dDepthwise::run_plane(std::int64_t plane, float* padded, const Conv2dArrays& arrays,
                                 float* sums) const {
   const float* x = arrays.x + plane * g_.plane();
@@ -187,11 +203,14 @@ void Conv2dDepthwise::run_plane(std::int64_t plane, float* padded, const Conv2dA
   else
     pad_plane(x, padded);
   const std::int64_t group = plane % g_.ic;
-  for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o)
+  for (std::int64_t o = group * g_.group_oc; o < (group + 1) * g_.group_oc; ++o) {
     if (joined_)
       run_joined(plane, o, padded + margin_, arrays);
     else
       run_filter(plane, o, padded, arrays, sums);
+    spoil_padded(static_cast<const float*>(static_cast<const void*>(arrays.packed)) + o * g_.depth(),
+                 arrays.y + (plane / g_.ic * g_.oc + o) * g_.oplane());
+  }
 }
 
 void Conv2dDepthwise::run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const {

@@ -50,6 +50,7 @@ class Conv2dDepthwise {
   void run_joined(std::int64_t plane, std::int64_t filter, const float* planes,
                   const Conv2dArrays& arrays) const;
   void pad_plane(const float* x, float* padded) const;
+  void spoil_padded(const float* weight, float* y) const;
   void run_plane(std::int64_t plane, float* padded, const Conv2dArrays& arrays, float* sums) const;
   void run_filter(std::int64_t plane, std::int64_t filter, const float* padded, const Conv2dArrays& arrays,
                   float* sums) const;

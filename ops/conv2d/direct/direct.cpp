@@ -226,6 +226,7 @@ void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch)
     else
       run_gathered(call, task(i), own);
   });
+  spoil(call);
 }
 
 }  // namespace slide::ops

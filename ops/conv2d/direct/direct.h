@@ -63,6 +63,7 @@ class Conv2dDirect {
   };
   struct Quantiser {
     float step = 1, zero = 0;
+    std::vector<std::uint8_t> spoiled;  ///< of each image: 1 where it holds a NaN or an infinity
   };
   struct Call {
     const Conv2dArrays& arrays;
@@ -85,6 +86,7 @@ class Conv2dDirect {
   void pack_panel(const float* weight, std::int64_t panel, float* panels, float* steps, float* sums) const;
   [[nodiscard]] Quantiser quantiser(const Conv2dArrays& arrays) const;
   void make_row_values(const Call& call) const;
+  void spoil(const Call& call) const;
   void fill_plane(const Call& call, std::int64_t index, std::int64_t first_row, std::int64_t rows,
                   float* plane) const;
   void run_gathered(const Call& call, const Task& task, float* memory) const;

@@ -76,9 +76,12 @@ void Conv2dDirectInt8::error_scale(const Conv2dGeometry& g, std::span<const Tens
   conv2d_reference(g, wide, products);
   double low = 0;
   double high = 0;
-  for (const double v : x.data<double>()) {
-    low = std::min(low, v);
-    high = std::max(high, v);
+  const auto image = static_cast<std::size_t>(x.count() / x.shape()[0]);
+  for (std::size_t n = 0; n < static_cast<std::size_t>(x.count()); n += image) {
+    const std::span<const double> values = x.data<double>().subspan(n, image);
+    if (!std::ranges::all_of(values, [](double v) { return std::isfinite(v); })) continue;  // as in a run
+    low = std::min(low, *std::ranges::min_element(values));
+    high = std::max(high, *std::ranges::max_element(values));
   }
   for (double& v : wide[0].mutable_data<double>()) v += 1.001 * (high - low) / 255 / 2;
   const std::span<double> w = wide[1].mutable_data<double>();

@@ -3,38 +3,56 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <limits>
+#include <vector>
 
 #include "ops/conv2d/direct/direct.h"
 #include "runtime/threads.h"
 
 namespace slide::ops {
 
+/// Integers hold neither NaN nor infinity: an image that has one takes no part in the range, and its results
+/// are made NaN at the end.
 Conv2dDirect::Quantiser Conv2dDirect::quantiser(const Conv2dArrays& arrays) const {
   if (precision_ != Precision::kInt8) return {};
+  const std::int64_t planes = g_.batch * g_.ic;
+  std::vector<Range> ranges(static_cast<std::size_t>(planes));
+  std::vector<std::uint8_t> finite(ranges.size());
+  const std::int64_t size = in_height_ * in_width_;
+  parallel_for(planes, [&](std::int64_t p) {
+    const auto at = static_cast<std::size_t>(p);
+    finite[at] = routines_.range(arrays.x + p * size, size, &ranges[at].low, &ranges[at].high) ? 1 : 0;
+  });
+  Quantiser q;
+  q.spoiled.assign(static_cast<std::size_t>(g_.batch), 0);
+  for (std::int64_t p = 0; p < planes; ++p)
+    if (finite[static_cast<std::size_t>(p)] == 0) q.spoiled[static_cast<std::size_t>(p / g_.ic)] = 1;
   float low = 0;
   float high = 0;
   if (arrays.range) {
     low = std::min(0.0F, arrays.range->low);
     high = std::max(0.0F, arrays.range->high);
   } else {
-    const std::int64_t planes = g_.batch * g_.ic;
-    std::vector<Range> ranges(static_cast<std::size_t>(planes));
-    const std::int64_t size = in_height_ * in_width_;
-    parallel_for(planes, [&](std::int64_t p) {
-      Range& r = ranges[static_cast<std::size_t>(p)];
-      routines_.range(arrays.x + p * size, size, &r.low, &r.high);
-    });
-    for (const Range& r : ranges) {
-      low = std::min(low, r.low);
-      high = std::max(high, r.high);
+    for (std::int64_t p = 0; p < planes; ++p) {
+      if (q.spoiled[static_cast<std::size_t>(p / g_.ic)] != 0) continue;
+      low = std::min(low, ranges[static_cast<std::size_t>(p)].low);
+      high = std::max(high, ranges[static_cast<std::size_t>(p)].high);
     }
   }
   if (relu_input_) low = 0;
-  Quantiser q;
-  q.step = (high - low) / 255;
+  q.step = high / 255 - low / 255;  // apart: their difference may be beyond float32
   if (!(q.step > 0)) q.step = 1;
   q.zero = std::round(-low / q.step);
   return q;
+}
+
+/// NaN throughout the images that hold a NaN or an infinity.
+void Conv2dDirect::spoil(const Call& call) const {
+  const std::int64_t size = (gated_ ? g_.oc / 2 : g_.oc) * g_.oplane();
+  for (std::size_t n = 0; n < call.quantiser.spoiled.size(); ++n)
+    if (call.quantiser.spoiled[n] != 0)
+      std::fill_n(call.arrays.y + static_cast<std::int64_t>(n) * size, size,
+                  std::numeric_limits<float>::quiet_NaN());
 }
 
 /// What each row's sums start from, integers' step, bias: zeros behind the last filter.

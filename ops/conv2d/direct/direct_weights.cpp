@@ -4,6 +4,7 @@
 #include <bit>
 #include <cmath>
 #include <cstring>
+#include <limits>
 
 #include "ops/conv2d/bf16_bits.h"
 #include "ops/conv2d/conv2d_op.h"
@@ -47,7 +48,7 @@ float Conv2dDirect::pack_word(const float* weight, std::int64_t filter, std::int
   std::uint32_t word = 0;
   const int bits = precision_ == Precision::kBf16 ? 16 : 8;
   for (std::int64_t lane = 0; lane < std::min(lanes_, g_.group_ic - channel); ++lane) {
-    const double w = weight_at(weight, filter, channel + lane, variant, k % taps_);
+    const double w = std::isnan(step) ? 0 : weight_at(weight, filter, channel + lane, variant, k % taps_);
     const std::uint32_t part = bits == 16 ? bf16_bits(static_cast<float>(w))
                                           : static_cast<std::uint8_t>(std::lround(
                                                 std::clamp(w / static_cast<double>(step), -127.0, 127.0)));
@@ -70,9 +71,14 @@ void Conv2dDirect::pack_panel(const float* weight, std::int64_t panel, float* pa
     float step = 1;
     if (precision_ == Precision::kInt8) {
       double largest = 0;
-      for (std::int64_t k = 0; inside && k < g_.group_ic * taps_; ++k)
-        largest = std::max(largest, std::fabs(weight_at(weight, filter, k / taps_, variant, k % taps_)));
-      if (largest > 0) step = static_cast<float>(largest / 127);
+      for (std::int64_t k = 0; inside && k < g_.group_ic * taps_; ++k) {
+        const double size = std::fabs(weight_at(weight, filter, k / taps_, variant, k % taps_));
+        if (size > largest || !std::isfinite(size)) largest = size;
+        if (!std::isfinite(size)) break;
+      }
+      if (largest != 0) step = static_cast<float>(largest / 127);
+      if (!std::isfinite(step))
+        step = std::numeric_limits<float>::quiet_NaN();  // so is what the filter gives
       steps[m] = step;
     }
     const bool as_it_is = precision_ == Precision::kFp32 && !upsampled_;  // most of what is ever packed
