@@ -9,6 +9,7 @@
 #include <map>
 
 #include "ops/case_file.h"
+#include "ops/judge.h"
 #include "runtime/error.h"
 #include "runtime/plan.h"
 #include "runtime/threads.h"
@@ -88,22 +89,97 @@ Tensor own_scale(const Kernel& kernel, const KernelTask& task) {
   return kernel.error_scale(*task.op, wide, task.reference, scale) ? scale : Tensor();
 }
 
+/// Where a kernel's result may be NaN or infinite although the definition's is not.
+class Outside {
+ public:
+  Outside(const Kernel& kernel, const KernelTask& task) : domain_(kernel.domain()) {
+    const Shape& shape = task.reference.shape();
+    const std::int64_t images = shape.rank() > 0 ? shape[0] : 1;
+    size_ = static_cast<std::size_t>(
+        std::max<std::int64_t>(1, shape.count() / std::max<std::int64_t>(1, images)));
+    spoiled_.assign(static_cast<std::size_t>(images), false);
+    for (const Tensor& t : task.inputs) note(t, images);
+  }
+  [[nodiscard]] bool has(std::size_t i, double scale) const {
+    return all_ || (std::isfinite(scale) && scale > domain_.largest_scale) || spoiled_[i / size_];
+  }
+
+ private:
+  void note(const Tensor& t, std::int64_t images) {
+    const std::span<const float> x = t.data<float>();
+    const bool by_image = t.shape().rank() > 1 && t.shape()[0] == images;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+      if (std::isfinite(x[i])) {
+        all_ = all_ || static_cast<double>(std::fabs(x[i])) > domain_.largest_input;
+      } else if (domain_.reach == Reach::kImage) {
+        const std::size_t n = i / (x.size() / static_cast<std::size_t>(by_image ? images : 1));
+        for (std::size_t k = 0; k < spoiled_.size(); ++k) spoiled_[k] = spoiled_[k] || !by_image || k == n;
+      }
+    }
+  }
+
+  Domain domain_;
+  std::size_t size_ = 1;
+  bool all_ = false;
+  std::vector<bool> spoiled_;  // images
+};
+
+/// Sums of squares over the finite elements.
+struct Squares {
+  double error = 0, result = 0, scale = 0;
+
+  void add(double e, double y, double s) {
+    if (!std::isfinite(e) || !std::isfinite(y)) return;
+    error += e * e;
+    result += y * y;
+    scale += s * s;
+  }
+};
+
+/// How much larger the prediction is because terms cancel; 0 where there is none. See kRmsFactor.
+double cancelling(const KernelTask& task, const Squares& squares) {
+  const double count = static_cast<double>(std::max<std::int64_t>(1, task.reference.count()));
+  const double terms = std::max(1.0, task.op->macs(shapes_of(task.inputs), task.reference.shape()) / count);
+  const double beyond = std::sqrt(squares.scale / squares.result / terms) / 2;
+  return beyond > 8 ? 0 : std::max(1.0, beyond);
+}
+
+/// In place of a scale that is NaN or infinite, beside what is, the largest that is finite.
+void make_finite(std::span<double> scale) {
+  const double largest = largest_finite(scale);
+  for (double& s : scale)
+    if (!std::isfinite(s)) s = largest;
+}
+
 void measure(const Kernel& kernel, const KernelTask& task, KernelCheck& check) {
   const std::span<const float> y = std::as_const(check.output).data<float>();
   const std::span<const double> y64 = task.reference.data<double>();
-  const Tensor own = own_scale(kernel, task);
+  Tensor own = own_scale(kernel, task);
+  if (!own.empty() && kernel.domain().reach == Reach::kImage) make_finite(own.mutable_data<double>());
   const std::span<const double> scale = (own.empty() ? task.scale : own).data<double>();
   const double u = kernel.unit_roundoff();
   const double flushed = std::max(check.factor, 1.0) * kSmallestNormal;
+  const Outside outside(kernel, task);
+  Squares squares;
   double worst = 0;
   for (std::size_t i = 0; i < y.size(); ++i) {
     if (std::bit_cast<std::uint32_t>(y[i]) == kUnwritten) ++check.unwritten;
-    const double error = difference(static_cast<double>(y[i]), in_float_range(y64[i]));
+    const double should = in_float_range(y64[i]);
+    if (!std::isfinite(y[i]) && !std::isnan(should) && outside.has(i, scale[i])) {
+      ++check.outside;
+      continue;
+    }
+    const double error = difference(static_cast<double>(y[i]), should);
     worst = std::max(worst, error);
     const double units = ratio(error, check.factor * u * scale[i] + flushed);
     check.of_bound = std::max(check.of_bound, std::isnan(units) ? kInfinity : units);
+    squares.add(error, should, scale[i]);
   }
   check.error_reference = ratio(worst, largest_finite(y64));
+  if (squares.result > 0) {
+    check.rms = std::sqrt(squares.error / squares.result);
+    check.expected_rms = kernel.expected_error(*task.op, shapes_of(task.inputs)) * cancelling(task, squares);
+  }
 }
 
 /// Runs the kernel once and returns its output; notes damaged guards.
@@ -154,6 +230,22 @@ std::vector<const Kernel*> kernels_for(const KernelTask& task, Isa isa) {
   std::stable_sort(kernels.begin(), kernels.end(),
                    [](const Kernel* a, const Kernel* b) { return a->isa() < b->isa(); });
   return kernels;
+}
+
+/// The largest quotient of |y64 - expected| and what both may lose.
+double of_tolerance(const Tensor& y64, const OperatorCase& c, double factor) {
+  if (y64.shape() != c.expected.shape()) return kInfinity;
+  const Tensor scale = values_of(c, false).scale;
+  const Tensor expected = c.expected.to(DType::kF64);
+  const double own =
+      largest_finite(expected.data<double>()) * (c.expected.dtype() == DType::kF64 ? kOwn64 : kOwn32);
+  double worst = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(y64.count()); ++i) {
+    const double error = difference(y64.data<double>()[i], expected.data<double>()[i]);
+    const double units = ratio(error, factor * 0x1p-53 * scale.data<double>()[i] + own + kSmallestNormal);
+    worst = std::max(worst, std::isnan(units) ? kInfinity : units);
+  }
+  return worst;
 }
 
 }  // namespace
@@ -209,6 +301,7 @@ std::string KernelCheck::verdict() const {
   if (unwritten != 0) return "left " + std::to_string(unwritten) + " elements unwritten";
   if (!same_at_any_thread_count) return "depends on the number of threads";
   if (!(of_bound <= 1)) return "over its bound";
+  if (unexpected()) return "within its bound, but less exact than its arithmetic";
   return "";
 }
 
@@ -229,7 +322,7 @@ CaseCheck check_case(const OperatorCase& c, Isa isa) {
         if (name == node.name) values[i] = tensor.to(DType::kF64);
   }
   CaseCheck check{c.op, c.attributes, c.source, c.expected.shape(), 0, 0, {}};
-  check.tolerance = c.expected.dtype() == DType::kF64 ? kTolerance64 : kTolerance32;
+  double factor = 0;
   for (int i = 0; i < static_cast<int>(graph.nodes().size()); ++i) {
     const Node& node = graph.node(i);
     if (node.kind != NodeKind::kOp) continue;
@@ -237,6 +330,7 @@ CaseCheck check_case(const OperatorCase& c, Isa isa) {
     for (const int j : node.inputs) arguments.push_back(values.at(j));
     values[i] = Tensor(DType::kF64, node.shape);
     node.op->reference(arguments, values[i]);
+    factor = std::max(factor, node.op->definition_factor(shapes_of(arguments), node.shape));
     const KernelTask task = make_task(*node.op, arguments);
     for (const Kernel* kernel : kernels_for(task, isa)) {
       check.kernels.push_back(check_kernel(*kernel, task, true));
@@ -245,6 +339,7 @@ CaseCheck check_case(const OperatorCase& c, Isa isa) {
     }
   }
   check.reference_error = relative_error(values.at(result), c.expected);
+  check.of_tolerance = of_tolerance(values.at(result), c, 2 * factor);
   return check;
 }
 

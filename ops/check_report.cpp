@@ -29,22 +29,31 @@ CheckedFile check_file(const std::string& path, Isa isa) {
   return result;
 }
 
+std::string counted(std::size_t count, const std::string& what) {
+  return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
+}
+
+/// The RMS error as a multiple of the predicted one.
+std::string of_expected(const KernelCheck& k) {
+  return k.expected_rms > 0 ? fixed(k.rms / k.expected_rms) : "-";
+}
+
 void add_rows(TextTable& table, const CheckedFile& file) {
   const CaseCheck& c = *file.check;
   table.heading(file.file + ": " + c.op + (c.attributes == "{}" ? "" : " " + c.attributes) + " gives " +
                 c.shape.text());
-  table.row({"  float64 definition", scientific(c.reference_error), "",
-             fixed(c.reference_error / c.tolerance),
+  table.row({"  float64 definition", scientific(c.reference_error), "", fixed(c.of_tolerance), "",
              c.reference_passed() ? "ok" : "FAILED: not the expected output"});
   for (const KernelCheck& k : c.kernels)
     table.row({"  " + k.kernel, scientific(k.error_expected), scientific(k.error_reference),
-               fixed(k.of_bound), k.passed() ? "ok" : "FAILED: " + k.verdict()});
+               fixed(k.of_bound), of_expected(k),
+               k.passed()
+                   ? (k.outside == 0 ? "ok"
+                                     : "ok, " + counted(static_cast<std::size_t>(k.outside), "element") +
+                                           " outside its domain")
+                   : "FAILED: " + k.verdict()});
   if (c.kernels.empty())
-    table.row({"  no kernel", "", "", "", "FAILED: no kernel of this level can do the call"});
-}
-
-std::string counted(std::size_t count, const std::string& what) {
-  return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
+    table.row({"  no kernel", "", "", "", "", "FAILED: no kernel of this level can do the call"});
 }
 
 std::string summary_of(const std::vector<CheckedFile>& files) {
@@ -71,6 +80,9 @@ Json json_of(const KernelCheck& k) {
           {"error_vs_float64", k.error_reference},
           {"of_bound", k.of_bound},
           {"factor", k.factor},
+          {"rms", k.rms},
+          {"expected_rms", k.expected_rms},
+          {"outside_domain", k.outside},
           {"passed", k.passed()},
           {"problem", k.verdict()}};
 }
@@ -88,8 +100,9 @@ Json json_of(const CheckedFile& f) {
   entry["attributes"] = Json::parse(c.attributes, nullptr, false);
   entry["source"] = c.source;
   entry["shape"] = std::vector<std::int64_t>(extents.begin(), extents.end());
-  entry["reference"] = {
-      {"error_vs_expected", c.reference_error}, {"tolerance", c.tolerance}, {"passed", c.reference_passed()}};
+  entry["reference"] = {{"error_vs_expected", c.reference_error},
+                        {"of_tolerance", c.of_tolerance},
+                        {"passed", c.reference_passed()}};
   entry["kernels"] = Json::array();
   for (const KernelCheck& k : c.kernels) entry["kernels"].push_back(json_of(k));
   entry["passed"] = c.passed();
@@ -137,7 +150,8 @@ int exit_code(const std::vector<CheckedFile>& files) {
 
 std::string table_of(const std::vector<CheckedFile>& files) {
   using enum TextTable::Align;
-  TextTable table({"", "vs expected", "vs float64", "of bound", ""}, {kLeft, kRight, kRight, kRight, kLeft});
+  TextTable table({"", "vs expected", "vs float64", "of bound", "rms/predicted", ""},
+                  {kLeft, kRight, kRight, kRight, kRight, kLeft});
   for (const CheckedFile& f : files)
     if (f.check) add_rows(table, f);
   const bool checked =

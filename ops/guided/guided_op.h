@@ -34,6 +34,11 @@ class GuidedCoefficientsOp : public Op {
   [[nodiscard]] double error_share(std::size_t /*index*/, std::span<const Shape> /*inputs*/) const override {
     return 1;
   }
+  /// What float64 may lose is in the scale, as a multiple of 2^-29.
+  [[nodiscard]] double definition_factor(std::span<const Shape> /*inputs*/,
+                                         const Shape& /*output*/) const override {
+    return 0x1p29;
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -52,7 +52,7 @@ void GroupNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   const double* bias = f64(inputs[2]);
   double* y = f64(output);
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
-    y[i] = (x[i] - m.mean) / std::sqrt(m.variance + eps_) * weight[c] + bias[c];
+    y[i] = m.centred(x[i]) / std::sqrt(m.variance + eps_) * weight[c] + bias[c];
     if (fusion_.residual) y[i] += f64(inputs[3])[i];
     if (fusion_.activation) y[i] = fusion_.activation->evaluate(y[i]);
   });
@@ -69,7 +69,7 @@ void GroupNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& outp
   const double slope = fusion_.activation ? activation_slope(*fusion_.activation).value_or(1.0) : 1;
   for_groups(inputs[0], groups_, [&](std::int64_t i, std::int64_t c, Moments m) {
     const double inverse = 1 / std::sqrt(m.variance + eps_);
-    const double size = std::fabs(x[i] - m.mean) * inverse + statistics_scale(m, inverse, count);
+    const double size = std::fabs(m.centred(x[i])) * inverse + statistics_scale(m, inverse, count);
     s[i] = size * std::fabs(weight[c]) + std::fabs(bias[c]);
     if (fusion_.residual) s[i] += std::fabs(f64(inputs[3])[i]);
     if (fusion_.activation) s[i] = slope * s[i] + std::fabs(f64(output)[i]);
@@ -93,7 +93,7 @@ void WeightStandardiseOp::reference(std::span<const Tensor> inputs, Tensor& outp
   for_ranges(filters, 1, [&](std::int64_t filter, std::int64_t) {
     const Moments m = moments(w + filter * count, count);
     for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
-      y[i] = (w[i] - m.mean) / std::sqrt(m.variance + eps_);
+      y[i] = m.centred(w[i]) / std::sqrt(m.variance + eps_);
   });
 }
 
@@ -108,7 +108,7 @@ void WeightStandardiseOp::error_scale(std::span<const Tensor> inputs, const Tens
     const Moments m = moments(w + filter * count, count);
     const double inverse = 1 / std::sqrt(m.variance + eps_);
     for (std::int64_t i = filter * count; i < (filter + 1) * count; ++i)
-      s[i] = std::fabs(w[i] - m.mean) * inverse + statistics_scale(m, inverse, count);
+      s[i] = std::fabs(m.centred(w[i])) * inverse + statistics_scale(m, inverse, count);
   }
 }
 

@@ -44,7 +44,7 @@ void LayerNormOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   const double* bias = f64(inputs[2]);
   double* y = f64(output);
   for_lines(inputs[0], axis_, [&](std::int64_t at, std::int64_t i, Moments m) {
-    y[at] = (x[at] - m.mean) / std::sqrt(m.variance + eps_) * weight[i] + bias[i];
+    y[at] = m.centred(x[at]) / std::sqrt(m.variance + eps_) * weight[i] + bias[i];
   });
 }
 
@@ -57,7 +57,7 @@ void LayerNormOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*ou
   const std::int64_t count = inputs[1].count();
   for_lines(inputs[0], axis_, [&](std::int64_t at, std::int64_t i, Moments m) {
     const double inverse = 1 / std::sqrt(m.variance + eps_);
-    const double size = std::fabs(x[at] - m.mean) * inverse + statistics_scale(m, inverse, count);
+    const double size = std::fabs(m.centred(x[at])) * inverse + statistics_scale(m, inverse, count);
     s[at] = size * std::fabs(weight[i]) + std::fabs(bias[i]);
   });
 }

@@ -13,15 +13,16 @@ Moments moments(const double* x, std::int64_t count, std::int64_t step) {
   const double about = sum / n;
   double rest = 0;
   for (std::int64_t i = 0; i < count; ++i) rest += x[i * step] - about;
-  const double mean = about + rest / n;
+  Moments m{about, rest / n, 0};
   double squares = 0;
-  for (std::int64_t i = 0; i < count; ++i) squares += (x[i * step] - mean) * (x[i * step] - mean);
-  return {mean, squares / n};
+  for (std::int64_t i = 0; i < count; ++i) squares += m.centred(x[i * step]) * m.centred(x[i * step]);
+  m.variance = squares / n;
+  return m;
 }
 
 double statistics_scale(const Moments& m, double inverse, std::int64_t n) {
   const auto count = static_cast<double>(n);
-  return 0x1p-29 * ((300 + count / 2048) * std::fabs(m.mean) * inverse + count);
+  return 0x1p-29 * ((300 + count / 2048) * std::fabs(m.mean()) * inverse + count);
 }
 
 }  // namespace slide::ops

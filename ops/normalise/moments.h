@@ -5,7 +5,11 @@
 namespace slide::ops {
 
 struct Moments {
-  double mean, variance;
+  double about, rest, variance;  ///< about + rest: the mean
+
+  [[nodiscard]] double mean() const { return about + rest; }
+  /// x - mean, not the less exact where both are far larger.
+  [[nodiscard]] double centred(double x) const { return x - about - rest; }
 };
 
 /// Mean and biased variance of `count` numbers that are `step` apart.

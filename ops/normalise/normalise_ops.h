@@ -46,6 +46,11 @@ class GroupNormOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sums of a group.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + static_cast<double>(inputs[0].count() / inputs[0][0] / groups_);
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -66,6 +71,11 @@ class LayerNormOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sums of a line.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + static_cast<double>(inputs[1].count());
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -85,6 +95,11 @@ class WeightStandardiseOp : public Op {
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   [[nodiscard]] bool by_rows() const override { return true; }
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sums of a filter.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + static_cast<double>(inputs[0].count() / inputs[0][0]);
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <algorithm>
+
 #include "ops/common/elements.h"
 #include "ops/pool/pool.h"
 #include "runtime/op.h"
@@ -30,6 +32,12 @@ class PoolOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sum of a window.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 2 + static_cast<double>(std::min(params_.kernel[0], inputs[0][2]) *
+                                   std::min(params_.kernel[1], inputs[0][3]));
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -53,6 +61,11 @@ class AdaptiveAvgPoolOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sums of a plane.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + static_cast<double>(inputs[0][2] * inputs[0][3]);
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -25,6 +25,10 @@ class ReduceOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sum of what becomes one element.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs, const Shape& output) const override {
+    return 2 + static_cast<double>(inputs[0].count()) / static_cast<double>(output.count());
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -36,6 +36,11 @@ class ResizeOp : public Op {
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
   /// x and a residual count as equal.
   [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
+  /// A coordinate has three roundings of at most the extent, and each of the taps' weights has its error.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + 6 * static_cast<double>(inputs[0][2] + inputs[0][3]);
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -15,6 +15,11 @@ class SoftmaxOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// The sums of an axis.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
+                                         const Shape& /*output*/) const override {
+    return 16 + static_cast<double>(inputs[0].count());
+  }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

@@ -27,12 +27,14 @@ using Body = std::function<void(std::span<const float> x, std::span<float> y, st
 /// A kernel that does what a test wants it to.
 class TestKernel : public Kernel {
  public:
-  TestKernel(Body body, double factor) : body_(std::move(body)), factor_(factor) {}
+  TestKernel(Body body, double factor, Domain domain = {})
+      : body_(std::move(body)), factor_(factor), domain_(domain) {}
   std::string_view name() const override { return "double.test"; }
   Isa isa() const override { return Isa::kBaseline; }
   bool supports(const Op&, std::span<const Shape>, const Shape&) const override { return true; }
   std::size_t scratch_bytes(const Op&, std::span<const Shape>, const Shape&) const override { return 10; }
   double error_factor(const Op&, std::span<const Shape>) const override { return factor_; }
+  Domain domain() const override { return domain_; }
   void run(const Op&, std::span<const Tensor> inputs, Tensor& output, const KernelCall& call) const override {
     body_(inputs[0].data<float>(), output.mutable_data<float>(), call.scratch);
   }
@@ -40,6 +42,7 @@ class TestKernel : public Kernel {
  private:
   Body body_;
   double factor_;
+  Domain domain_;
 };
 
 /// y = 2x.
@@ -54,10 +57,10 @@ class DoubleOp : public Op {
   std::span<const Kernel* const> kernels() const override { return {}; }
 };
 
-KernelCheck check(const std::vector<float>& x, const Body& body, double factor = 1) {
+KernelCheck check(const std::vector<float>& x, const Body& body, double factor = 1, Domain domain = {}) {
   const DoubleOp op;
   const Tensor input = Tensor::from<float>({static_cast<std::int64_t>(x.size())}, std::span<const float>(x));
-  return check_kernel(TestKernel(body, factor), ops::make_task(op, std::array{input}), true);
+  return check_kernel(TestKernel(body, factor, domain), ops::make_task(op, std::array{input}), true);
 }
 
 void right(std::span<const float> x, std::span<float> y, std::span<std::byte> scratch) {
@@ -149,6 +152,42 @@ TEST_CASE("a result beyond float32 must be infinite") {
   CHECK_FALSE(check({3e38F, 1}, saturates, 1e6).passed());
 }
 
+TEST_CASE("errors that are larger than the arithmetic predicts fail although each is within its bound") {
+  const auto scaled = [](float by) {
+    return [by](auto x, auto y, auto scratch) {
+      right(x, y, scratch);
+      for (float& v : y) v *= by;
+    };
+  };
+  // Predicted: 0.4 u √100 = 4 u.
+  const KernelCheck usual = check(kX, scaled(1 + 0x1p-22F), 100);
+  CHECK(usual.passed());
+  CHECK(usual.rms == doctest::Approx(0x1p-22).epsilon(1e-3));
+  CHECK(usual.expected_rms == doctest::Approx(0x1p-22).epsilon(1e-12));
+  const KernelCheck off = check(kX, scaled(1 + 0x1p-19F), 100);
+  CHECK(off.of_bound < 0.5);
+  CHECK_FALSE(off.passed());
+  CHECK(off.verdict() == "within its bound, but less exact than its arithmetic");
+}
+
+TEST_CASE("outside a kernel's domain a result may be NaN or infinite, but no wrong number") {
+  const Body overflows = [](auto x, auto y, auto scratch) {
+    right(x, y, scratch);
+    y[0] = kInf;
+  };
+  const Body wrong = [](auto x, auto y, auto scratch) {
+    right(x, y, scratch);
+    y[0] = 1;
+  };
+  const std::vector<float> x = {1e30F, 1};
+  CHECK(check(x, overflows, 1, {.largest_input = 9e29}).outside == 1);
+  CHECK(check(x, overflows, 1, {.largest_input = 9e29}).passed());
+  CHECK(check(x, overflows, 1, {.largest_scale = 1.9e30}).passed());
+  CHECK_FALSE(check(x, overflows, 1, {.largest_input = 1.1e30}).passed());
+  CHECK_FALSE(check(x, overflows, 1, {.largest_scale = 2.1e30}).passed());
+  CHECK_FALSE(check(x, wrong, 1, {.largest_input = 9e29}).passed());
+}
+
 TEST_CASE("denormal inputs are zero, and flushed results stay within the bound") {
   const KernelCheck result = check({1e-40F, 0x1p-126F, 1}, right);
   CHECK(result.passed());
@@ -190,7 +229,7 @@ TEST_CASE("a case judges the definition on the inputs as given and kernels on ro
   const ops::CaseCheck result = ops::check_case(relu_case(2), detected_isa());
   CHECK(result.passed());
   CHECK(result.reference_error == 0);
-  CHECK(result.tolerance == ops::kTolerance64);
+  CHECK(result.of_tolerance == 0);
   REQUIRE_FALSE(result.kernels.empty());
   for (const KernelCheck& k : result.kernels) {
     CHECK(k.error_reference == 0);                                          // relu is exact
@@ -203,6 +242,9 @@ TEST_CASE("a wrong expected output fails the definition, not the kernels") {
   CHECK_FALSE(result.passed());
   CHECK_FALSE(result.reference_passed());
   for (const KernelCheck& k : result.kernels) CHECK(k.passed());
+  // 2 · 16 · 2^-53 · |y| is 7e-15, and 2e-13 of the largest 4e-13.
+  CHECK_FALSE(ops::check_case(relu_case(2 + 4.2e-13), Isa::kBaseline).reference_passed());
+  CHECK(ops::check_case(relu_case(2 + 4e-13), Isa::kBaseline).reference_passed());
 }
 
 TEST_CASE("only kernels up to the level asked for are checked") {

@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include "judge.h"
 #include "kernel_bounds.h"
 #include "runtime/error.h"
 #include "runtime/safetensors.h"
@@ -116,6 +117,14 @@ TEST_CASE("every kernel of contextual attention keeps its bound") {
     CHECK(check_kernels(attention({f, b, c.mask}, c.params)) == levels);
     CHECK(check_kernels(attention({b, b, c.mask, fuse}, c.params)) == levels);
     CHECK(check_kernels(attention({f, b, c.mask}, c.params), true) == levels);
+  }
+}
+
+TEST_CASE("attention holds where products of features are beyond float32") {
+  for (const double size : {1e15, 1e30}) {
+    const Tensor f = random_tensor({1, 3, 8, 12}, 71, size);
+    const Tensor b = random_tensor({1, 3, 8, 12}, 72, size);
+    test::judge(attention({f, b, hole(16, 24, 4, 10, 6, 14)}));
   }
 }
 

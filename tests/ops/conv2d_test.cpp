@@ -4,6 +4,7 @@
 
 #include <algorithm>
 
+#include "judge.h"
 #include "kernel_bounds.h"
 #include "runtime/error.h"
 
@@ -332,4 +333,31 @@ TEST_CASE("the bound holds for denormal operands and results, flushed to zero or
       const Tensor depthwise = random_tensor({8, 1, 3, 3}, 18);
       CHECK(check_kernels(conv({x, depthwise}, ops::Conv2dParams::same(3, 1, 1, 8)), flush) > 0);
     }
+}
+
+TEST_CASE("a NaN or an infinity never becomes a number and never leaves its image") {
+  for (const double bad : {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity(),
+                           -std::numeric_limits<double>::infinity()})
+    for (const std::int64_t k : {1, 3}) {
+      Tensor x = random_tensor({2, 24, 10, 19}, 61);
+      x.mutable_data<double>()[700] = bad;
+      const Tensor w = random_tensor({20, 24, k, k}, 62, 0.1);
+      const Tensor b = random_tensor({20}, 63);
+      test::judge(conv({x, w, b}, ops::Conv2dParams::same(k)));
+      Tensor spoiled = w.clone();
+      spoiled.mutable_data<double>()[300] = bad;
+      test::judge(conv({random_tensor({2, 24, 10, 19}, 64), spoiled, b}, ops::Conv2dParams::same(k)));
+    }
+}
+
+TEST_CASE("the bound holds up to the ends of each kernel's domain") {
+  for (const double largest : {0x1p100, 0x1p120, 0x1.FEp127, 0x1.FFFFFEp127}) {
+    Tensor x = random_tensor({1, 8, 9, 18}, 65);
+    for (double& v : x.mutable_data<double>()) v = std::clamp(v / 4, -1.0, 1.0) * largest;
+    x.mutable_data<double>()[100] = largest;
+    x.mutable_data<double>()[101] = -largest;
+    for (const std::int64_t k : {1, 3})
+      test::judge(conv({x, random_tensor({8, 8, k, k}, 66, 0.004), random_tensor({8}, 67)},
+                       ops::Conv2dParams::same(k)));
+  }
 }

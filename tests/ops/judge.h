@@ -20,6 +20,7 @@ inline void judge(const Call& call) {
   std::size_t count = 0;
   for (const Kernel* kernel : call.op->kernels()) {
     if (std::find(levels.begin(), levels.end(), kernel->isa()) == levels.end()) continue;
+    if (!kernel->supports(*call.op, call.input_shapes(), call.shape)) continue;
     const ops::KernelCheck check = ops::check_kernel(*kernel, task, true);
     INFO(check.kernel, " ", call.op->attributes(), ": ", check.verdict(), ", ", check.of_bound,
          " of its bound");
