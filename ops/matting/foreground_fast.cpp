@@ -60,12 +60,13 @@ std::array<float, 2> first_colours(const float* image, const float* alpha, const
     for (std::int64_t i = begin; i < end; ++i) {
       Sums& sums = rows[static_cast<std::size_t>(i)];
       for (std::int64_t j = i * s.w; j < (i + 1) * s.w; ++j) {
-        const double front = static_cast<double>(alpha[j]) > kSurelyFront ? 1 : 0;
-        const double behind = static_cast<double>(alpha[j]) < kSurelyBehind ? 1 : 0;
-        sums.fronts += front;
-        sums.behinds += behind;
-        sums.front += front * static_cast<double>(image[j]);
-        sums.behind += behind * static_cast<double>(image[j]);
+        const bool front = static_cast<double>(alpha[j]) > kSurelyFront;
+        const bool behind = static_cast<double>(alpha[j]) < kSurelyBehind;
+        const auto colour = static_cast<double>(image[j]);
+        sums.fronts += front ? 1 : 0;
+        sums.behinds += behind ? 1 : 0;
+        sums.front += front ? colour : 0;
+        sums.behind += behind ? colour : 0;
       }
     }
   });

@@ -60,7 +60,8 @@ struct Weights {
   }
 };
 
-SLIDE_INLINE Float clipped(Float x) { return simd::min(simd::max(x, broadcast(0.0F)), broadcast(1.0F)); }
+/// In this order NaN comes through.
+SLIDE_INLINE Float clipped(Float x) { return simd::min(broadcast(1.0F), simd::max(broadcast(0.0F), x)); }
 
 SLIDE_INLINE void improve_some(const ForegroundRow& row, const ForegroundChannel* channels,
                                std::int64_t count, const Columns& c) {
