@@ -26,6 +26,8 @@ class AttentionKernel : public LevelKernel<ContextualAttentionOp, AttentionRouti
  public:
   using LevelKernel::LevelKernel;
 
+  /// A patch's weight may round to zero, which times an infinite value is NaN.
+  [[nodiscard]] Domain domain() const override { return {.reach = Reach::kImage}; }
   [[nodiscard]] std::size_t scratch_bytes(const Op& op, std::span<const Shape> inputs,
                                           const Shape& /*output*/) const override {
     return method(static_cast<const ContextualAttentionOp&>(op), inputs).scratch_bytes();
