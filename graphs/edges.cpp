@@ -49,7 +49,7 @@ struct Surroundings {
   Surroundings(Value d, std::int64_t radius)
       : low(negated(ops::max_pool2d(negated(d), window(radius)))),
         high(ops::max_pool2d(d, window(radius))),
-        jump(smoothstep(ops::sub(high, low))) {}
+        jump(jump_of(ops::sub(high, low))) {}
 
   /// 1 where d is nearer to the high end.
   [[nodiscard]] Value above_middle(Value d) const {
@@ -60,26 +60,7 @@ struct Surroundings {
     const Value target = ops::add(low, ops::mul(to_high, ops::sub(high, low)));
     return ops::add(d, ops::mul(jump, ops::sub(target, d)));
   }
-
- private:
-  static Value smoothstep(Value range) {
-    const Value t = ops::clip(ops::affine(range, 1 / (kJump - kSlope), -kSlope / (kJump - kSlope)), 0, 1);
-    return ops::mul(ops::mul(t, t), ops::affine(t, -2, 3));
-  }
 };
-
-/// The mean over 2·radius + 1 pixels and more, at any radius in constant time: of cells of about a quarter of
-/// the radius, over the cells of the window, enlarged bilinearly.
-Value smooth_mean(Value x, std::int64_t radius) {
-  const std::int64_t cell = std::max<std::int64_t>(1, radius / 4);
-  const Value cells = ops::avg_pool2d(
-      x, {.kernel = {cell, cell}, .stride = {cell, cell}, .ceil_mode = true, .count_include_pad = false});
-  const Value mean = ops::avg_pool2d(cells, window(radius / cell));
-  const auto scale = static_cast<double>(cell);
-  return ops::resize(mean, {.mode = ops::ResizeMode::kLinear,
-                            .size = {x.shape()[2], x.shape()[3]},
-                            .scale = std::array<double, 2>{scale, scale}});
-}
 
 Value sum_of_planes(Value x) { return ops::affine(ops::reduce_mean(x, {1}), 3, 0); }
 
@@ -125,6 +106,24 @@ Value snap(Value d, Value image) {
 }
 
 }  // namespace
+
+Value smoothstep(Value x, double from, double to) {
+  const Value t = ops::clip(ops::affine(x, 1 / (to - from), -from / (to - from)), 0, 1);
+  return ops::mul(ops::mul(t, t), ops::affine(t, -2, 3));
+}
+
+Value jump_of(Value range) { return smoothstep(range, kSlope, kJump); }
+
+Value smooth_mean(Value x, std::int64_t radius) {
+  const std::int64_t cell = std::max<std::int64_t>(1, radius / 4);
+  const Value cells = ops::avg_pool2d(
+      x, {.kernel = {cell, cell}, .stride = {cell, cell}, .ceil_mode = true, .count_include_pad = false});
+  const Value mean = ops::avg_pool2d(cells, window(radius / cell));
+  const auto scale = static_cast<double>(cell);
+  return ops::resize(mean, {.mode = ops::ResizeMode::kLinear,
+                            .size = {x.shape()[2], x.shape()[3]},
+                            .scale = std::array<double, 2>{scale, scale}});
+}
 
 Value sharpen_edges(Value disparity, Value image) {
   const auto scope = disparity.graph().scope("edges");

@@ -1,5 +1,7 @@
 #pragma once
 
+#include <cstdint>
+
 #include "runtime/graph.h"
 
 namespace slide::graphs {
@@ -13,15 +15,24 @@ namespace slide::graphs {
 ///      enhancement of digital images", 1975), by the part t = smoothstep((hi - lo - 0.03) / 0.03): a jump
 ///      becomes steep, a smooth slope stays what it is.
 ///   3. Over about 2·round(W/60) + 1 pixels (means are taken of cells) with extremes lo and hi, a pixel is
-///   near where D > (lo + hi)/2; c_n and
-///      c_f are the mean colours of the near and of the far pixels, each weighted with its t, v_n and v_f
-///      their variances, s the near ones' share of the weight. The pixel I becomes hi where
-///        (|I - c_f|² - |I - c_n|²) / (|c_n - c_f|² + v_n + v_f + 0.002) + 2·s - 1 ± 0.1 > 0
-///      (+ where it is near already) for most of the pixels in a window as in 1, else lo; by the part t
-///      again. So the jump moves onto the photo's edge where both sides differ in colour, and stays where
-///      they do not.
+///   near where D > (lo + hi)/2; c_n and c_f are the mean colours of the near and of the far pixels, each
+///   weighted with its t, v_n and v_f their variances, s the near ones' share of the weight. The pixel I
+///   becomes hi where
+///     (|I - c_f|² - |I - c_n|²) / (|c_n - c_f|² + v_n + v_f + 0.002) + 2·s - 1 ± 0.1 > 0
+///   (+ where it is near already) for most of the pixels in a window as in 1, else lo; by the part t again.
+///   So the jump moves onto the photo's edge where both sides differ in colour, and stays where they do not.
 /// All values lie between the least and the largest D within W/60 and the windows of 1 and 2.
 /// @param disparity  1×1×H×W in [0, 1];  @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value sharpen_edges(Value disparity, Value image);
+
+/// 3t² - 2t³, t = clip((x - from) / (to - from), 0, 1).
+Value smoothstep(Value x, double from, double to);
+
+/// How much of a jump a range of disparity is: 0 up to 0.03, a slope; 1 from 0.06 on.
+Value jump_of(Value range);
+
+/// The mean over 2·radius + 1 pixels and more, at any radius in constant time: of cells of about a quarter of
+/// the radius, over the cells of the window, enlarged bilinearly.
+Value smooth_mean(Value x, std::int64_t radius);
 
 }  // namespace slide::graphs

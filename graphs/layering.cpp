@@ -43,7 +43,6 @@ Layering resolve(const LayeringParams& p) {
   l.radius = p.radius.value_or(static_cast<std::int64_t>(std::ceil(p.parallax)));
   l.sigma = p.sigma;
   l.maxpool = p.maxpool;
-  l.matte_dilation = 2 * static_cast<std::int64_t>(std::ceil(p.parallax / 4)) + 1;
   require_within("beta", l.beta, kLargestBeta);
   require_within("gamma", l.gamma, kLargestGamma);
   require_within("rho", l.rho, kLargestRho);
@@ -78,22 +77,32 @@ Value occlusion(Value conditioned, const Layering& layering) {
   return soften(ops::sub(near_neighbour, conditioned), layering.gamma);
 }
 
-Value matte_visibility(Value visibility, Value occlusion, Value matte, const Layering& layering) {
-  const Value rim = ops::sub(dilate(matte, layering.matte_dilation), matte);
-  const Value uncovered = ops::affine(occlusion, -1, 1);
-  return ops::mul(visibility, ops::affine(ops::mul(rim, uncovered), -1, 1));
+Value matte_visibility(Value visibility, const FollowedMatte& matte) {
+  return ops::add(visibility, ops::mul(matte.part, ops::sub(matte.alpha, visibility)));
+}
+
+Value matte_disocclusion(Value disocclusion, const FollowedMatte& matte) {
+  const Value see_through = ops::affine(ops::greater(matte.alpha, kOpaque), -1, 1);
+  return ops::maximum(disocclusion, ops::mul(matte.part, see_through));
 }
 
 Value hole(Value disocclusion) { return dilate(ops::greater(disocclusion, kHoleThreshold), 3); }
 
-LayeringMaps soft_layering(Value disparity, const Layering& layering, std::optional<Value> matte) {
+LayeringMaps soft_layering(Value disparity, const Layering& layering,
+                           const std::optional<FollowedMatte>& matte) {
   Graph& g = disparity.graph();
   const auto scope = g.scope("layering");
   const Value d1 = condition_disparity(disparity, layering);
-  const Value s = disocclusion(d1, layering);
-  const Value s_hat = occlusion(d1, layering);
+  const Value covering = matte ? condition_disparity(matte->opaque, layering) : d1;
+  Value s = disocclusion(covering, layering);
+  const Value s_hat = occlusion(covering, layering);
   Value a = visibility(d1, layering);
-  if (matte) a = matte_visibility(a, s_hat, *matte, layering);
+  if (matte && layering.parallax > 0) {
+    const FollowedMatte grown{matte->alpha, dilate(matte->part, layering.maxpool),
+                              matte->opaque};  // as D1 is
+    a = matte_visibility(a, grown);
+    s = matte_disocclusion(s, grown);
+  }
   return {d1, a, s, s_hat, hole(s)};
 }
 

@@ -30,7 +30,6 @@ struct Layering {
   std::int64_t radius;
   double sigma;
   std::int64_t maxpool;
-  std::int64_t matte_dilation;  ///< side of the matte's dilation window: 2·ceil(P/4) + 1
 };
 
 /// The largest values that make sense: beyond them a pixel's neighbours cannot be told apart in float32, or a
@@ -65,15 +64,28 @@ Value disocclusion(Value conditioned, const Layering& layering);
 /// S_hat = relu(tanh(gamma · max over i of (D1(i) - D1 - rho·K(i)))), the mirror image of S.
 Value occlusion(Value conditioned, const Layering& layering);
 
-/// A' = A · (1 - (dilate(M) - M)·(1 - S_hat)): the matte's soft rim becomes see-through where nothing nearer
-/// covers it.
-Value matte_visibility(Value visibility, Value occlusion, Value matte, const Layering& layering);
+/// M above which nothing shows through.
+inline constexpr double kOpaque = 0.98;
+
+/// What layering takes of a subject's matte: three maps of SubjectRim in graphs/subject.h.
+struct FollowedMatte {
+  Value alpha;
+  Value part;    ///< p, SubjectRim::moves
+  Value opaque;  ///< the disparity without what shows through: what it uncovers and covers
+};
+
+/// A' = A + p·(M - A): near the outline the matte is the visibility, and what a subject covers is whole.
+Value matte_visibility(Value visibility, const FollowedMatte& matte);
+
+/// S' = max(S, p·[M <= 0.98]): what lies behind a pixel that is see-through is in view.
+Value matte_disocclusion(Value disocclusion, const FollowedMatte& matte);
 
 /// The inpainting mask: S > 0.05, dilated by one pixel in all eight directions.
 Value hole(Value disocclusion);
 
-/// All of the above. `disparity` and `matte` are 1×1×H×W in [0, 1].
+/// All of the above; the matte only where something moves. S and S_hat are of the opaque disparity where
+/// there is a matte. All inputs are 1×1×H×W in [0, 1].
 LayeringMaps soft_layering(Value disparity, const Layering& layering,
-                           std::optional<Value> matte = std::nullopt);
+                           const std::optional<FollowedMatte>& matte = std::nullopt);
 
 }  // namespace slide::graphs

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "graphs/stages.h"
+#include "graphs/subject.h"
 #include "ops/fusion/fusion.h"
 #include "ops/normalise/normalise.h"
 #include "runtime/error.h"
@@ -226,15 +227,56 @@ void output_maps(Graph& g, const LayeringMaps& maps) {
   g.output("H", maps.hole);
 }
 
-void split_layers(const SlideOptions& options, SlideLayers& out) {
+/// What the later stages take from find_subject() beside disparity and colours.
+struct SubjectMaps {
+  Tensor agreement, moves, opaque, behind, clear;
+};
+
+void output_subject(Graph& g, const SubjectRim& rim) {
+  g.output("e", rim.agreement);
+  g.output("p", rim.moves);
+  g.output("D'", rim.disparity);
+  g.output("opaque", rim.opaque);
+  g.output("F", rim.front);
+  g.output("B", rim.behind);
+  g.output("clear", rim.clear);
+}
+
+SubjectRim subject_graph(Graph& g, const Shape& map) {
+  const SubjectRim rim = find_subject(g.input("I", map.with(1, 3)), g.input("D", map), g.input("M", map));
+  output_subject(g, rim);
+  return rim;
+}
+
+/// Follows the matte, if there is one: disparity and the colours in front change.
+std::optional<SubjectMaps> follow_matte(const SlideOptions& options, SlideLayers& out) {
+  out.front_image = out.image;
+  if (out.matte.empty()) return std::nullopt;
+  Stage stage("subject", options);
+  (void)subject_graph(stage.graph(), out.matte.shape());
+  stage.run(kNoWeights, {{"I", out.image}, {"D", out.disparity}, {"M", out.matte}});
+  out.disparity = stage.take("D'");
+  out.front_image = stage.take("F");
+  out.report.stages.push_back(stage.report());
+  return SubjectMaps{stage.take("e"), stage.take("p"), stage.take("opaque"), stage.take("B"),
+                     stage.take("clear")};
+}
+
+void layering_graph(Graph& g, const Shape& map, const Layering& layering, bool matte) {
+  std::optional<FollowedMatte> followed;
+  if (matte) followed = {g.input("M", map), g.input("p", map), g.input("opaque", map)};
+  output_maps(g, soft_layering(g.input("D", map), layering, followed));
+}
+
+void split_layers(const std::optional<SubjectMaps>& subject, const SlideOptions& options, SlideLayers& out) {
   Stage stage("layering", options);
-  Graph& g = stage.graph();
-  const Value d = g.input("D", out.disparity.shape());
-  std::optional<Value> m;
-  if (!out.matte.empty()) m = g.input("M", out.matte.shape());
-  output_maps(g, soft_layering(d, out.report.layering, m));
+  layering_graph(stage.graph(), out.disparity.shape(), out.report.layering, subject.has_value());
   NamedTensors inputs = {{"D", out.disparity}};
-  if (m) inputs["M"] = out.matte;
+  if (subject) {
+    inputs["M"] = out.matte;
+    inputs["p"] = subject->moves;
+    inputs["opaque"] = subject->opaque;
+  }
   stage.run(kNoWeights, inputs);
   out.conditioned = stage.take("D1");
   out.visibility = stage.take("A");
@@ -245,27 +287,14 @@ void split_layers(const SlideOptions& options, SlideLayers& out) {
   out.report.hole_fraction = fraction_above(out.hole, 0.5F);
 }
 
-/// How the matte takes part in the inpainting: the user's is to be believed; an estimate is better than an
-/// estimated disparity alone, not than a given depth map (weights/slide_inpaint.md has the figures).
-struct MattePart {
-  bool exact;
-  std::int64_t reach;
-};
-
-/// None: there is no matte, or the network does not start from the fill.
-std::optional<MattePart> matte_part(const SlideInput& input, const NetworkChoice& network, bool used,
-                                    std::int64_t height, std::int64_t width) {
-  const bool given = !input.matte.empty();
-  const bool fills = !network.chosen() || network.model == "slide_inpaint";
-  if (!used || !fills || (!given && !input.disparity.empty())) return std::nullopt;
-  return MattePart{given, matte_reach(height, width)};
-}
+/// Whether the fill follows a matte: other networks see the hole alone.
+bool fills(const NetworkChoice& network) { return !network.chosen() || network.model == "slide_inpaint"; }
 
 Background background_graph(Graph& g, std::int64_t height, std::int64_t width, const NetworkChoice& network,
-                            const std::optional<MattePart>& part) {
+                            bool with_matte) {
   const Shape map{1, 1, height, width};
   std::optional<SubjectMatte> matte;
-  if (part) matte = {g.input("M", map), part->reach, part->exact};
+  if (with_matte) matte = {g.input("clear", map), g.input("e", map)};
   const Background background = inpaint_background(g.input("I", map.with(1, 3)), g.input("D1", map),
                                                    g.input("S", map), g.input("H", map), network, matte);
   g.output("I_bg", background.image);
@@ -274,18 +303,18 @@ Background background_graph(Graph& g, std::int64_t height, std::int64_t width, c
 }
 
 /// I_bg and D_bg: the photo itself, and in every window what the network makes of it.
-void inpaint_windows(const SlideInput& input, const SlideModels& models, const SlideOptions& options,
-                     SlideLayers& out) {
+void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModels& models,
+                     const SlideOptions& options, SlideLayers& out) {
   const Shape& shape = out.hole.shape();
   const InpaintReach reach = inpaint_reach(models.inpaint);
   const std::int64_t margin = options.whole_image ? std::max(shape[2], shape[3]) : reach.radius;
   out.report.windows = hole_windows(out.hole, margin, reach.alignment);
   out.report.windows_exact = reach.exact || options.whole_image;
-  out.background_image = out.image.clone();
+  const Tensor& behind = subject ? subject->behind : out.image;
+  out.background_image = behind.clone();
   out.background_disparity = out.conditioned.clone();
-  const std::optional<MattePart> matte =
-      matte_part(input, models.inpaint, out.report.matte_used, shape[2], shape[3]);
-  out.report.matte_in_fill = matte.has_value();
+  const bool matte = subject && fills(models.inpaint);
+  out.report.matte_in_fill = matte;
   StageReport total;
   total.name = "inpainting";
   double area = 0;
@@ -294,11 +323,14 @@ void inpaint_windows(const SlideInput& input, const SlideModels& models, const S
   for (const Window& w : out.report.windows) {
     Stage stage(total.name, options);
     background_graph(stage.graph(), w.height(), w.width(), models.inpaint, matte);
-    NamedTensors inputs = {{"I", cut(out.image, w)},
+    NamedTensors inputs = {{"I", cut(behind, w)},
                            {"D1", cut(out.conditioned, w)},
                            {"S", cut(out.disocclusion, w)},
                            {"H", cut(out.hole, w)}};
-    if (matte) inputs["M"] = cut(out.matte, w);
+    if (matte) {
+      inputs["clear"] = cut(subject->clear, w);
+      inputs["e"] = cut(subject->agreement, w);
+    }
     stage.run(models.inpaint.chosen() ? *models.inpaint.weights : kNoWeights, inputs, done / area,
               static_cast<double>(w.area()) / area);
     paste(stage.take("I_bg"), w, out.background_image);
@@ -327,13 +359,14 @@ SlideLayers make_layers(const SlideInput& input, const SlideModels& models, cons
   out.report.layering = resolve(options.layering);
   find_disparity(input, models, options, out);
   if (out.report.relief) find_matte(input, models, options, out);
-  split_layers(options, out);
+  const std::optional<SubjectMaps> subject = follow_matte(options, out);
+  split_layers(subject, options, out);
   if (!out.report.relief)
     out.report.inpainting = "none: the scene has no relief";
   else if (out.report.hole_fraction == 0)
     out.report.inpainting = "none: nothing comes into view";
   else
-    inpaint_windows(input, models, options, out);
+    inpaint_windows(subject, models, options, out);
   return out;
 }
 
@@ -358,13 +391,17 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
       stages.push_back(std::move(matting).plan(models.matting));
     }
   }
+  const bool matte = !known.matte.empty() || options.matte != MatteUse::kNever;
+  if (matte) {
+    Stage subject("subject", options);
+    (void)subject_graph(subject.graph(), map);
+    stages.push_back(std::move(subject).plan());
+  }
   Stage layering("layering", options);
-  output_maps(layering.graph(), soft_layering(layering.graph().input("D", map), resolve(options.layering)));
+  layering_graph(layering.graph(), map, resolve(options.layering), matte);
   stages.push_back(std::move(layering).plan());
   Stage inpainting("inpainting", options);
-  const bool matte = !known.matte.empty() || options.matte != MatteUse::kNever;
-  background_graph(inpainting.graph(), height, width, models.inpaint,
-                   matte_part(known, models.inpaint, matte, height, width));
+  background_graph(inpainting.graph(), height, width, models.inpaint, matte && fills(models.inpaint));
   stages.push_back(std::move(inpainting).plan(models.inpaint));
   return stages;
 }
@@ -376,14 +413,20 @@ SlideGraph slide_graph(Value image, const SlideModels& models, const Layering& l
     const auto scope = g.scope("depth");
     return estimate_disparity(image, models.depth);
   }();
-  const LayeringMaps maps = soft_layering(disparity, layering, matte);
-  const auto scope = g.scope("inpaint");
-  const Shape& shape = image.shape();
+  std::optional<SubjectRim> rim;
+  std::optional<FollowedMatte> followed;
   std::optional<SubjectMatte> subject;
-  if (matte) subject = {*matte, matte_reach(shape[2], shape[3]), true};
-  const Background background =
-      inpaint_background(image, maps.disparity, maps.disocclusion, maps.hole, models.inpaint, subject);
-  return {disparity, maps, background.image, background.disparity};
+  if (matte) {
+    rim = find_subject(image, disparity, *matte);
+    followed = {*matte, rim->moves, rim->opaque};
+    if (fills(models.inpaint)) subject = {rim->clear, rim->agreement};
+  }
+  const Value d = rim ? rim->disparity : disparity;
+  const LayeringMaps maps = soft_layering(d, layering, followed);
+  const auto scope = g.scope("inpaint");
+  const Background background = inpaint_background(rim ? rim->behind : image, maps.disparity,
+                                                   maps.disocclusion, maps.hole, models.inpaint, subject);
+  return {d, maps, rim ? rim->front : image, background.image, background.disparity};
 }
 
 std::unique_ptr<WeightSource> slide_weights(const SlideModels& models) {

@@ -33,8 +33,8 @@ struct SlideModels {
   NetworkChoice matting;   ///< fba: refines the saliency network's matte
 };
 
-/// Whether a matte of the salient subject takes part: in the visibility (spec section 2.4) and, unless a
-/// disparity is given and the matte is estimated, in the inpainting (SubjectMatte).
+/// Whether a matte of the salient subject takes part: where disparity jumps, in the visibility, the colours
+/// of both layers and the inpainting (SubjectRim of graphs/subject.h).
 enum class MatteUse {
   kNever,
   kAuto,    ///< the saliency network runs, and its matte is used if something stands out: see SalientSubject
@@ -64,7 +64,7 @@ struct SlideOptions {
 
 /// What one stage took.
 struct StageReport {
-  std::string name;            ///< "depth", "saliency", "matting", "layering", "inpainting"
+  std::string name;            ///< "depth", "saliency", "matting", "subject", "layering", "inpainting"
   double seconds = 0;          ///< planning and weights included
   double gflop = 0;            ///< of the definition, 2 a multiply-accumulate
   std::size_t memory = 0;      ///< bytes of the largest plan
@@ -99,6 +99,7 @@ struct SlideLayers {
   Tensor occlusion;             ///< S_hat
   Tensor hole;                  ///< H
   Tensor matte;                 ///< M; empty if none was used
+  Tensor front_image;           ///< the front layer's colours: I, in the rim of a matte's subject its own
   Tensor background_image;      ///< I_bg; empty if one layer is enough
   Tensor background_disparity;  ///< D_bg <= D1; empty likewise
   SlideReport report;
@@ -133,6 +134,7 @@ struct PlannedStage {
 struct SlideGraph {
   Value disparity;
   LayeringMaps maps;
+  Value front_image;
   Value background_image;
   Value background_disparity;
 };

@@ -16,16 +16,12 @@ namespace {
 
 constexpr int kSweeps = 4;
 constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pixel is background
-constexpr double kRest = 1e-8;
+constexpr double kRest = 1e-11;
 constexpr std::int64_t kWindow = 9;   // pixels: side of the window whose largest disparity is the cover's
 constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
 // Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
 constexpr double kFar = 0.1;
 constexpr double kNear = 0.4;
-// The photo's longer side over it: so far around the subject its matte counts.
-constexpr std::int64_t kMatteReach = 20;
-// Alpha from which a pixel of an exact matte is not background at all.
-constexpr double kClear = 0.1;
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
 // The probabilities of background that weights of 0 and 1 stand for: what is doubtful gives no colour.
@@ -101,20 +97,9 @@ Value colour_weight(Value disparity, Value behind) {
   return ops::clip(ops::affine(way, -1 / (kNear - kFar), kNear / (kNear - kFar)), kRest, 1);
 }
 
-std::int64_t matte_reach(std::int64_t height, std::int64_t width) {
-  return (std::max(height, width) + kMatteReach / 2) / kMatteReach;
-}
-
 Value matted_weight(Value weight, const SubjectMatte& matte) {
-  const Value covering = ops::mul(matte.alpha, ops::affine(weight, -1, 1));
-  const Value near = largest_around(covering, 2 * matte.reach + 1);
-  if (matte.exact) {
-    const Value clear = ops::clip(ops::affine(matte.alpha, -1 / kClear, 1), 0, 1);
-    return ops::clip(ops::add(weight, ops::mul(near, ops::sub(clear, weight))), kRest, 1);
-  }
-  const Value open = ops::affine(matte.alpha, -1, 1);
-  const Value taken = ops::mul(near, ops::affine(ops::mul(open, open), -1, 1));
-  return ops::clip(ops::mul(weight, ops::affine(taken, -1, 1)), kRest, 1);
+  const Value moved = ops::mul(matte.agreement, ops::sub(matte.clear, weight));
+  return ops::clip(ops::add(weight, moved), kRest, 1);
 }
 
 Value detail(Value rgb, Value weight, Value known) {

@@ -10,37 +10,28 @@ namespace slide::graphs {
 /// Which pixels show what lies behind the hole: 1 for background, 0 for the hole and for what covers it. The
 /// disparity of the hole's pixels (the front) is spread over the picture by a push-pull fill; a pixel belongs
 /// to the background as far as it is behind the front: (1 - hole)·clip(16·(front - disparity), 0, 1), and at
-/// least 1e-8, so that there is a fill also where nothing lies behind.
+/// least 1e-11, so that there is a fill also where nothing lies behind.
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
 Value background_weight(Value disparity, Value hole);
 
 /// Which pixels have the background's colour, whether or not they are in the hole: by where their disparity
 /// lies between that of the background and what covers it nearby, w = (disparity - behind) / max(max of
-/// disparity over 9×9 - behind, 1/128). All counts up to w = 0.1, nothing but 1e-8 from 0.4 on, linear
+/// disparity over 9×9 - behind, 1/128). All counts up to w = 0.1, nothing but 1e-11 from 0.4 on, linear
 /// between. Disparity is grown and soft, so a rim of the hole is background, and some of what lies just
 /// outside of it is not.
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param behind     1×1×H×W in [0,1], the background's disparity, continued by background_weight()
 Value colour_weight(Value disparity, Value behind);
 
-/// The alpha of the photo's subject, for the fill.
+/// What a matte of the photo's subject tells the fill: SubjectRim of graphs/subject.h. Both 1×1×H×W in [0,1].
 struct SubjectMatte {
-  Value alpha;         ///< 1×1×H×W in [0,1]
-  std::int64_t reach;  ///< matte_reach() of the photo, of which the picture may be a window
-  bool exact;          ///< its outline is to be believed (given by the user), not a network's estimate
+  Value clear;      ///< how far a pixel shows the background
+  Value agreement;  ///< how far the matte is followed
 };
 
-/// A twentieth of the photo's longer side, in pixels: so far around the subject its matte takes part in the
-/// fill.
-std::int64_t matte_reach(std::int64_t height, std::int64_t width);
-
-/// colour_weight() with a matte of the subject. e is the largest alpha·(1 - weight) within `reach` pixels
-/// along both axes: the subject, as far as disparity has it before the background, and 0 where the background
-/// is not behind the subject but the subject itself, or something else is in front.
-///   exact:      w' = w + e·(clip(1 - 10·alpha, 0, 1) - w): the matte's outline replaces the disparity's
-///   estimated:  w' = w·(1 - e·(1 - (1 - alpha)²)): what either calls foreground gives no colour
-/// and at least 1e-8. Where alpha is 0 in the whole window w' = w.
+/// colour_weight() with a matte of the subject: w' = w + agreement·(clear - w), at least 1e-11: near the
+/// subject the matte's outline replaces the disparity's.
 /// @param weight  colour_weight(), 1×1×H×W
 Value matted_weight(Value weight, const SubjectMatte& matte);
 
@@ -65,7 +56,7 @@ Value background_fill(Value rgbd, Value disparity, Value hole,
 /// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill, with
 /// a network that tells which pixels around the hole are background. It sees the picture, a fill by
 /// colour_weight(), disparity, the background's, that weight w and the hole, and gives a change c of the log
-/// odds of being background: with p = 0.35 + 0.5·w, w' = clip(2·p / (p + (1 - p)·e^-c) - 0.7, 1e-8, 1), so
+/// odds of being background: with p = 0.35 + 0.5·w, w' = clip(2·p / (p + (1 - p)·e^-c) - 0.7, 1e-11, 1), so
 /// that what is doubtful gives no colour. Zero changes nothing.
 /// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read; H and W multiples of 8
 /// @param disparity  D1, 1×1×H×W in [0,1]

@@ -219,7 +219,8 @@ Background inpaint_background(Value image, Value disparity, Value disocclusion, 
   const std::int64_t multiple = inpaint_reach(network).alignment;
   const Value rgbd = pad_to_multiple(ops::concat({image, disparity}, 1), multiple);
   std::optional<SubjectMatte> padded = matte;
-  if (padded) padded->alpha = pad_to_multiple(padded->alpha, multiple);
+  if (padded)
+    padded = {pad_to_multiple(padded->clear, multiple), pad_to_multiple(padded->agreement, multiple)};
   const Value completed = crop(complete(rgbd, pad_to_multiple(hole, multiple), network, padded), size);
   const auto composite = [&](Value net, Value known) {
     const Value mixed = ops::add(known, ops::mul(disocclusion, ops::sub(net, known)));

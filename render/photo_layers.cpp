@@ -169,7 +169,7 @@ Image shrink_to(const Image& image, int side) {
 
 Layers layers_from(const graphs::SlideLayers& made) {
   Layers layers;
-  layers.foreground = {image_from_tensor(made.image), image_from_tensor(made.conditioned),
+  layers.foreground = {image_from_tensor(made.front_image), image_from_tensor(made.conditioned),
                        made.has_background() ? image_from_tensor(made.visibility) : Image()};
   if (made.has_background())
     layers.background =
@@ -191,7 +191,7 @@ std::vector<std::string> write_maps(const std::string& folder, const graphs::Sli
     throw Error(ErrorKind::kOutput, "the folder " + folder + " cannot be made: " + failure.message());
   std::vector<std::string> files;
   const auto path = [&](const std::string& name) { return files.emplace_back(folder + "/" + name); };
-  write_png(path("image.png"), image_from_tensor(made.image), 16);
+  write_png(path("image.png"), image_from_tensor(made.front_image), 16);
   if (made.has_background()) write_png(path("background.png"), image_from_tensor(made.background_image), 16);
   const std::pair<const char*, const Tensor*> maps[] = {
       {"D", &made.disparity},    {"D1", &made.conditioned},           {"A", &made.visibility},

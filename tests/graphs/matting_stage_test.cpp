@@ -150,17 +150,18 @@ TEST_CASE("the matting network runs after the saliency network, and not on a mat
   std::vector<std::string> planned;
   for (const PlannedStage& stage : plan_layers(kHeight, kWidth, models, input, options))
     planned.push_back(stage.report.name);
-  CHECK(planned == std::vector<std::string>{"saliency", "matting", "layering", "inpainting"});
+  CHECK(planned == std::vector<std::string>{"saliency", "matting", "subject", "layering", "inpainting"});
 
   const SlideLayers made = make_layers(input, models, options);
-  CHECK(names_of(made.report.stages) == std::vector<std::string>{"depth", "saliency", "matting", "layering"});
+  CHECK(names_of(made.report.stages) ==
+        std::vector<std::string>{"depth", "saliency", "matting", "subject", "layering"});
   CHECK(made.report.matte_used);
   CHECK(made.report.matte_refined);
   for (const float a : made.matte.data<float>()) REQUIRE((a >= 0 && a <= 1));
 
   input.matte = ramp();
   const SlideLayers given = make_layers(input, models, options);
-  CHECK(names_of(given.report.stages) == std::vector<std::string>{"depth", "layering"});
+  CHECK(names_of(given.report.stages) == std::vector<std::string>{"depth", "subject", "layering"});
   CHECK(given.report.matte_used);
   CHECK(!given.report.matte_refined);
   CHECK(max_abs_difference(given.matte, input.matte) == 0);

@@ -90,76 +90,60 @@ TEST_CASE("the weights of the background and the fill agree with PyTorch in floa
   g.output("weight", weight);
   g.output("colours", colour_weight(d, ops::push_pull_fill(d, weight, 4)));
   g.output("filled", background_fill(rgbd, d, hole));
-  const Value alpha = g.input("matte", {1, 1, 20, 28});
+  const SubjectMatte matte{g.input("clear", {1, 1, 20, 28}), g.input("agreement", {1, 1, 20, 28})};
   const Value behind = ops::push_pull_fill(d, weight, 4);
-  for (const bool exact : {true, false}) {
-    const SubjectMatte matte{alpha, matte_reach(20, 28), exact};
-    const std::string name = exact ? "exact." : "estimated.";
-    const auto scope = g.scope(name);
-    g.output(name + "colours", matted_weight(colour_weight(d, behind), matte));
-    g.output(name + "filled", background_fill(rgbd, d, hole, matte));
+  {
+    const auto scope = g.scope("matted");
+    g.output("matted.colours", matted_weight(colour_weight(d, behind), matte));
+    g.output("matted.filled", background_fill(rgbd, d, hole, matte));
   }
   ReferenceExecutor run(g, WeightMap());
   run.run({{"rgbd", file.tensor("scene.rgbd")},
            {"d", file.tensor("scene.d")},
            {"hole", file.tensor("scene.hole")},
-           {"matte", file.tensor("scene.matte")}});
-  for (const char* name : {"weight", "colours", "filled", "exact.colours", "exact.filled",
-                           "estimated.colours", "estimated.filled"}) {
+           {"clear", file.tensor("scene.clear")},
+           {"agreement", file.tensor("scene.agreement")}});
+  for (const char* name : {"weight", "colours", "filled", "matted.colours", "matted.filled"}) {
     CAPTURE(name);
     CHECK(max_abs_difference(run.tensor(name), file.tensor(std::string("scene.") + name)) <= 1e-13);
   }
 }
 
-TEST_CASE("an exact matte draws the outline near the subject; an estimate only takes away") {
-  // One row; the subject is the left end by disparity, columns 0 to 3; the matte gives it a soft column and
-  // one more, and covers two far away that disparity calls background.
-  constexpr std::int64_t kWidth = 16;
-  constexpr double kRest = 1e-8;
+TEST_CASE("a matte replaces the disparity's outline as far as it is followed") {
+  constexpr double kRest = 1e-11;
   Graph g;
-  const Value weight = g.input("weight", {1, 1, 1, kWidth});
-  const Value alpha = g.input("alpha", {1, 1, 1, kWidth});
-  g.output("exact", matted_weight(weight, {alpha, 3, true}));
-  g.output("estimated", matted_weight(weight, {alpha, 3, false}));
-  Tensor w = Tensor::zeros(DType::kF64, weight.shape());
-  Tensor a = Tensor::zeros(DType::kF64, weight.shape());
-  const std::vector<double> weights{0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-  const std::vector<double> alphas{1, 1, 1, 0.05, 0.05, 0.5, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1};
-  std::copy(weights.begin(), weights.end(), w.mutable_data<double>().begin());
-  std::copy(alphas.begin(), alphas.end(), a.mutable_data<double>().begin());
+  const Value weight = g.input("weight", {1, 1, 1, 5});
+  const SubjectMatte matte{g.input("clear", {1, 1, 1, 5}), g.input("agreement", {1, 1, 1, 5})};
+  g.output("y", matted_weight(weight, matte));
+  const auto row = [](std::vector<double> values) {
+    return Tensor::from(Shape{1, 1, 1, 5}, std::span<const double>(values));
+  };
   ReferenceExecutor run(g, WeightMap());
-  run.run({{"weight", w}, {"alpha", a}});
-  // Columns up to 5 have a whole pixel of the subject within 3; column 6 one of alpha 0.05.
-  const std::vector<double> exact{kRest, kRest, kRest, 0.5, 0.5, kRest, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-  const std::vector<double> estimated{kRest, kRest, kRest, kRest, 0.95 * 0.95, 0.25, 1, 1,
-                                      1,     1,     1,     1,     1,           1,    1, 1};
-  for (std::size_t i = 0; i < kWidth; ++i) {
-    CAPTURE(i);
-    CHECK(run.tensor("exact").data<double>()[i] == doctest::Approx(exact[i]).epsilon(1e-12));
-    CHECK(run.tensor("estimated").data<double>()[i] == doctest::Approx(estimated[i]).epsilon(1e-12));
-  }
+  run.run({{"weight", row({0, 1, 1, 0, 0.5})},
+           {"clear", row({1, 0, 0, 0, 1})},
+           {"agreement", row({1, 1, 0, 0.5, 0.5})}});
+  const double wanted[] = {1, kRest, 1, kRest, 0.75};
+  for (std::size_t i = 0; i < 5; ++i) CHECK(run.tensor("y").data<double>()[i] == wanted[i]);
 }
 
-TEST_CASE("a matte without a subject leaves the fill's bytes as they are") {
+TEST_CASE("a matte that is not followed leaves the fill's bytes as they are") {
   const SafetensorsFile file = golden();
   Graph g;
   const Shape map{1, 1, 64, 96};
   const Value rgbd = g.input("rgbd", map.with(1, 4));
   const Value d = g.input("disparity", map);
   const Value hole = g.input("hole", map);
-  const Value alpha = g.input("alpha", map);
   g.output("plain", background_fill(rgbd, d, hole));
-  for (const bool exact : {true, false}) {
-    const std::string name = exact ? "exact" : "estimated";
-    const auto scope = g.scope(name);
-    g.output(name, background_fill(rgbd, d, hole, SubjectMatte{alpha, 5, exact}));
+  const SubjectMatte matte{g.input("clear", map), g.input("agreement", map)};
+  {
+    const auto scope = g.scope("matted");
+    g.output("matted", background_fill(rgbd, d, hole, matte));
   }
   NamedTensors values = inputs(file, "slide_inpaint");
-  values["alpha"] = Tensor::zeros(DType::kF32, map);
+  values["clear"] = values["agreement"] = Tensor::zeros(DType::kF32, map);
   FastExecutor run(g, WeightMap());
   run.run(values);
-  CHECK(max_abs_difference(run.tensor("exact"), run.tensor("plain")) == 0);
-  CHECK(max_abs_difference(run.tensor("estimated"), run.tensor("plain")) == 0);
+  CHECK(max_abs_difference(run.tensor("matted"), run.tensor("plain")) == 0);
 }
 
 TEST_CASE(
@@ -201,17 +185,18 @@ TEST_CASE("with a matte the fill has no foreground where disparity's edge is ins
   const Value rgbd = g.input("rgbd", {1, 4, kSide, kSide});
   const Value d = g.input("d", {1, 1, kSide, kSide});
   const Value hole = g.input("hole", {1, 1, kSide, kSide});
-  const Value alpha = g.input("alpha", {1, 1, kSide, kSide});
+  const SubjectMatte matted{g.input("clear", {1, 1, kSide, kSide}),
+                            g.input("agreement", {1, 1, kSide, kSide})};
   g.output("plain", background_fill(rgbd, d, hole));
-  for (const bool exact : {true, false}) {
-    const std::string name = exact ? "exact" : "estimated";
-    const auto scope = g.scope(name);
-    g.output(name, background_fill(rgbd, d, hole, SubjectMatte{alpha, 4, exact}));
+  {
+    const auto scope = g.scope("matted");
+    g.output("matted", background_fill(rgbd, d, hole, matted));
   }
   Tensor pixels = Tensor::zeros(DType::kF32, {1, 4, kSide, kSide});
   Tensor disparity = Tensor::zeros(DType::kF32, d.shape());
   Tensor mask = Tensor::zeros(DType::kF32, d.shape());
-  Tensor matte = Tensor::zeros(DType::kF32, d.shape());
+  Tensor clear = Tensor::zeros(DType::kF32, d.shape());
+  Tensor agreement = Tensor::zeros(DType::kF32, d.shape());
   for (std::size_t i = 0; i < kPlane; ++i) {
     const std::size_t row = i / kSide;
     const std::size_t column = i % kSide;
@@ -219,17 +204,17 @@ TEST_CASE("with a matte the fill has no foreground where disparity's edge is ins
       return row >= first && row < last && column >= first && column < last;
     };
     pixels.mutable_data<float>()[square(12, 36) ? i : 2 * kPlane + i] = 1;
-    matte.mutable_data<float>()[i] = square(12, 36) ? 1 : 0;
+    clear.mutable_data<float>()[i] = square(12, 36) ? 0 : 1;
+    agreement.mutable_data<float>()[i] = square(8, 40) ? 1 : 0;
     disparity.mutable_data<float>()[i] = square(14, 34) ? 0.9F : 0.1F;
     mask.mutable_data<float>()[i] = square(14, 34) && !square(20, 28) ? 1 : 0;
   }
   FastExecutor run(g, WeightMap());
-  run.run({{"rgbd", pixels}, {"d", disparity}, {"hole", mask}, {"alpha", matte}});
+  run.run({{"rgbd", pixels}, {"d", disparity}, {"hole", mask}, {"clear", clear}, {"agreement", agreement}});
   double most = 0;
   for (std::size_t i = 0; i < kPlane; ++i) {
-    CHECK(run.tensor("exact").data<float>()[i] <= 1e-3);  // no red, and blue, everywhere
-    CHECK(run.tensor("exact").data<float>()[2 * kPlane + i] >= 1 - 1e-3);
-    CHECK(run.tensor("estimated").data<float>()[i] <= 1e-3);
+    CHECK(run.tensor("matted").data<float>()[i] <= 1e-3);  // no red, and blue, everywhere
+    CHECK(run.tensor("matted").data<float>()[2 * kPlane + i] >= 1 - 1e-3);
     most = std::max<double>(most, run.tensor("plain").data<float>()[i]);
   }
   CHECK(most >= 0.9);  // which disparity alone cannot know

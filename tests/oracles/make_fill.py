@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '../../weights_tools/train'))
-from fill import background_fill, background_weight, mirror_known, push_pull_fill  # noqa: E402
+from fill import background_fill, background_weight, followed, mirror_known, push_pull_fill  # noqa: E402
 
 
 def save(path, tensors):
@@ -55,8 +55,10 @@ def main():
     _, out['scene.filled'], out['scene.colours'] = background_fill(rgbd, d, hole)
     edge = np.clip(.5 + 6 * (.24 - np.hypot(x - .78, y - .5)), 0, 1)  # off the disparity's, soft
     out['scene.matte'] = torch.from_numpy(edge.astype(np.float32).astype(np.float64))[None, None]
-    for name, exact in (('exact', True), ('estimated', False)):
-        _, out[f'scene.{name}.filled'], out[f'scene.{name}.colours'] = background_fill(rgbd, d, hole, out['scene.matte'], exact)
+    agreement = (x > .3).astype(np.float64) * np.clip(1.2 - y, 0, 1)
+    out['scene.agreement'] = torch.from_numpy(agreement.astype(np.float32).astype(np.float64))[None, None]
+    out['scene.clear'] = followed(out['scene.matte'])[0]
+    _, out['scene.matted.filled'], out['scene.matted.colours'] = background_fill(rgbd, d, hole, (out['scene.clear'], out['scene.agreement']))
     save(sys.argv[1], out)
 
 

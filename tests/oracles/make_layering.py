@@ -63,17 +63,15 @@ def cone(d, rho, m, sign):
     return out
 
 
-def layering(d, matte, p, sigma=1.0, k=3):
+def layering(d, p, sigma=1.0, k=3):
     beta, gamma, rho, m = 4 * math.log(2) * p * p, p, 1 / p, math.ceil(p)
     d1 = over(gauss(d, sigma), k // 2, max)
     gx, gy = sobel(d1)
     a = np.exp(-beta * (gx ** 2 + gy ** 2))
     s = np.maximum(np.tanh(gamma * cone(d1, rho, m, -1)), 0)
     s_hat = np.maximum(np.tanh(gamma * cone(d1, rho, m, 1)), 0)
-    rim = over(matte, math.ceil(p / 4), max) - matte
-    a_matte = a * (1 - rim * (1 - s_hat))
     hole = over((s > 0.05).astype(np.float64), 1, max)
-    return {'D1': d1, 'A': a, 'S': s, 'S_hat': s_hat, 'A_matte': a_matte, 'H': hole}
+    return {'D1': d1, 'A': a, 'S': s, 'S_hat': s_hat, 'H': hole}
 
 
 def main():
@@ -82,10 +80,9 @@ def main():
     y, x = np.mgrid[:h, :w]
     disc = ((x - 13) ** 2 + (y - 11) ** 2 < 49).astype(np.float64)
     d = np.clip(0.25 + 0.2 * y / h + 0.5 * disc + 0.02 * rng.standard_normal((h, w)), 0, 1)
-    matte = np.clip(over(disc, 1, lambda v: float(np.mean(v))), 0, 1)
-    tensors = {'D': d, 'M': matte}
+    tensors = {'D': d}
     for p in (1.5, 6.0, 40.0):
-        for name, value in layering(d, matte, p).items():
+        for name, value in layering(d, p).items():
             tensors[f'P{p:g}.{name}'] = value
     save(sys.argv[1], tensors, {'source': 'make_layering.py: the definition, pair by pair, float64'})
 

@@ -25,7 +25,7 @@ from scipy import ndimage
 
 from common import Ragged, load_safetensors
 from depth_net import DepthNet
-from fill import background_fill, background_weight, push_pull_fill
+from fill import background_fill, background_weight, followed, push_pull_fill
 from guided import MATTE_RADIUS, guided_upsample
 from inpaint_data import InpaintData, finished, layering
 from inpaint_net import InpaintNet
@@ -184,11 +184,11 @@ def believed(matte):
 
 @torch.no_grad()
 def fills(net, scene, d, hole, mattes):
-    """{name: (RGBD, weight of the colours)}: the fill and the network's, smooth and with texture, with each matte {name: (matte, exact)}."""
+    """{name: (RGBD, weight of the colours)}: the fill and the network's, smooth and with texture, with each matte {name: matte}."""
     out = {}
-    for name, (matte, exact) in mattes.items():
+    for name, matte in mattes.items():
         for who, network in (('fill', None), ('network', net)):
-            smooth, textured, weight = background_fill(scene, d, hole, matte, exact, network)
+            smooth, textured, weight = background_fill(scene, d, hole, None if matte is None else followed(matte), network)
             out.update({f'smooth {who}{name}': (smooth[0].numpy(), weight), f'{who}{name}': (textured[0].numpy(), weight)})
     return out
 
@@ -209,9 +209,9 @@ def stereo(net, matting, folder):
         d1, _, mask = layering(((d - d.min()) / np.ptp(d)).astype(np.float32), np.ptp(d))
         rgbd = np.concatenate([left / 127.5 - 1, 2 * d1[..., None] - 1], 2).transpose(2, 0, 1).astype(np.float32)
         s, dt, ht = (torch.from_numpy(np.ascontiguousarray(v[..., :h, :w]))[None] for v in (rgbd, d1[None], mask[None]))
-        mattes = {'': (None, True)}
+        mattes = {'': None}
         if matting:
-            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, left))[None, None, :h, :w]), False
+            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, left))[None, None, :h, :w])
         ours = {name: y[:3] for name, (y, *_) in fills(net, s, dt, ht, mattes).items()}
         unknown = background_weight(dt, ht)[0, 0].numpy() < .5
         rgb = np.ascontiguousarray(left[:h, :w])
@@ -259,9 +259,9 @@ def composites(a, net, matting, samples):
     scores, tiles = {}, []
     for k, (scene, truth, d, alpha, hole, mask, cover) in enumerate(samples):
         s, dt, ht, at = (torch.from_numpy(v)[None] for v in (scene, d, hole, alpha))
-        mattes = {'': (None, True), ', the true matte': (at, True)}
+        mattes = {'': None, ', the true matte': at}
         if matting:
-            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, bytes_of(scene))))[None, None], False
+            mattes[", slide_matte's"] = torch.from_numpy(believed(matte_of(matting, bytes_of(scene))))[None, None]
         found = fills(net, s, dt, ht, mattes)
         ours, shares = ({name: v[i] for name, v in found.items()} for i in (0, 1))
         shares = {name: push_pull_fill(at, w)[0, 0].numpy() for name, w in shares.items()}

@@ -3,10 +3,10 @@ import torch
 import torch.nn.functional as F
 
 SWEEPS = 4
-GAP, REST = 1 / 16, 1e-8  # disparity; weight of pixels that are not behind
+GAP, REST = 1 / 16, 1e-11  # disparity; weight of pixels that are not behind
 WINDOW, LEAST = 9, 1 / 128  # pixels, side of the window whose largest disparity is the cover's; smallest step that counts
 FAR, NEAR = .1, .4  # of the way from the background's disparity to the cover's: background wholly up to FAR, not from NEAR on
-MATTE_REACH = 20  # the photo's longer side over it: around the subject its matte counts
+MATTE_REACH = 60  # the photo's longer side over it: around the subject its matte counts
 CLEAR = .1  # alpha from which a pixel of an exact matte is not background at all
 DETAIL, DETAIL_LIMIT = 1.75, .1  # gain and largest amount of mirrored detail
 TRUST = 16  # a cell whose mean weight is over 1 / TRUST counts as known
@@ -70,13 +70,18 @@ def clear(alpha):
     return (1 - alpha / CLEAR).clamp(0, 1)
 
 
-def matted_weight(weight, matte, reach, exact):
-    """colour_weight() with a matte of the subject, 1 inside: an exact one's outline replaces the disparity's within `reach` pixels
-    of the subject; where it is an estimate, what either calls foreground gives no colour. The subject is what both call so."""
-    near = F.max_pool2d(matte * (1 - weight), 2 * reach + 1, 1, reach)
-    if exact:
-        return (weight + near * (clear(matte) - weight)).clamp(REST, 1)
-    return (weight * (1 - near * (1 - (1 - matte) ** 2))).clamp(REST, 1)
+def followed(alpha):
+    """What matted_weight() takes of a matte that agrees with disparity everywhere: how far a pixel, unmixed, shows the background, and 1
+    near the matte's rim."""
+    reach = (max(alpha.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH
+    around = lambda x, r: F.max_pool2d(x, 2 * r + 1, 1, r)
+    rim = torch.maximum(4 * alpha * (1 - alpha), around(alpha, 1) + around(-alpha, 1)) > .1
+    return ((.9 - alpha) / .4).clamp(0, 1), around(rim.to(alpha.dtype), reach)
+
+
+def matted_weight(weight, clear, agreement):
+    """colour_weight() with a matte of the subject: near it the matte's outline replaces the disparity's."""
+    return (weight + agreement * (clear - weight)).clamp(REST, 1)
 
 
 def mirror_known(x, weight):
@@ -120,8 +125,8 @@ def detail(rgb, weight, known):
     return (1 - weight) * (DETAIL * mirror_known(fine, known)).clamp(-DETAIL_LIMIT, DETAIL_LIMIT)
 
 
-def background_fill(rgbd, d, hole, matte=None, exact=True, network=None):
-    """matte: of the subject, N x 1 x H x W in [0, 1]; network: InpaintNet, for the weights -> RGBD of the background in [-1, 1], smooth; the
+def background_fill(rgbd, d, hole, matte=None, network=None):
+    """matte: followed() of the subject's; network: InpaintNet, for the weights -> RGBD of the background in [-1, 1], smooth; the
     same with detail(); the weight that its colours have. Disparity is continued by background_weight()."""
     rgb, behind = rgbd[:, :3], push_pull_fill(d, background_weight(d, hole))
     colours = colour_weight(d, behind)
@@ -129,7 +134,6 @@ def background_fill(rgbd, d, hole, matte=None, exact=True, network=None):
     if network is not None:
         colours = network.weigh(rgb, push_pull_fill(rgb, colours), d, behind, colours, hole)
     if matte is not None:
-        reach = (max(d.shape[-2:]) + MATTE_REACH // 2) // MATTE_REACH
-        known, colours = (matted_weight(w, matte, reach, exact) for w in (known, colours))
+        known, colours = (matted_weight(w, *matte) for w in (known, colours))
     smooth, disparity = push_pull_fill(rgb, colours), 2 * behind - 1
     return torch.cat([smooth, disparity], 1), torch.cat([smooth + detail(rgb, colours, known), disparity], 1), colours

@@ -57,6 +57,6 @@ class InpaintNet(nn.Module):
     def weigh(self, *x):
         return self.weight_of(self.logit(*x))
 
-    def forward(self, rgbd, d, hole, matte=None, exact=True):
+    def forward(self, rgbd, d, hole, matte=None):
         """rgbd: N x 4 x H x W in [-1, 1], d: D1 in [0, 1], hole: zeros and ones; sides multiples of 8 -> RGBD of the background"""
-        return background_fill(rgbd, d, hole, matte, exact, self)[1]
+        return background_fill(rgbd, d, hole, matte, self)[1]
