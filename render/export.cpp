@@ -7,7 +7,6 @@
 #include "render/camera_path.h"
 #include "render/edge_zoom.h"
 #include "render/frame_sink.h"
-#include "render/gltf.h"
 #include "render/html.h"
 #include "render/stereo.h"
 #include "render/view.h"
@@ -101,7 +100,9 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
     return {};
   }
   if (extension == ".glb") {
-    write_glb(path, layers, camera, {.parallax = largest_parallax(camera, views)});
+    write_glb(
+        path, layers, camera,
+        {.parallax = largest_parallax(camera, views), .depth = options.glb_depth, .focus = options.focus});
     return {};
   }
   if (extension != ".gif") return export_frames(path, layers, camera, views, options);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "render/camera.h"
+#include "render/gltf.h"
 #include "render/layers.h"
 
 namespace slide {
@@ -21,8 +22,9 @@ struct ExportOptions {
   /// Of animations; the views are meant to be 1/30 s apart if there is none. A GIF without it has the views
   /// that are 1/15 s apart, and one without a size at most 480 pixels a side: its frames are large.
   std::optional<double> fps;
-  double mesh_tolerance = 0.1;           ///< pixels; 0: one vertex a pixel
-  bool supersample = false;              ///< average 2×2 samples
+  double mesh_tolerance = 0.1;  ///< pixels; 0: one vertex a pixel
+  bool supersample = false;     ///< average 2×2 samples
+  GlbDepth glb_depth = GlbDepth::kRelief;
   bool keep_edges = false;               ///< do not zoom in to hide the photo's edge
   std::function<void(double)> progress;  ///< told the part that is done; may be empty
 };

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <numeric>
 #include <span>
 
@@ -30,19 +31,42 @@ constexpr int kLinearMipmapLinear = 9987;
 constexpr int kClampToEdge = 33071;
 constexpr int kJpegQuality = 92;
 
+constexpr double kReliefDepth = 1.3;  // of the farthest point, where the nearest has 1
+constexpr double kReliefFov = 40;     // degrees, of the longer side
+
+/// Where the scene stands: what the camera sees, its distance from the origin, and the scale of both.
+struct Placement {
+  Camera camera;
+  double distance = 0;
+  double scale = 1;
+};
+
+Placement relief(const Camera& camera, double focus) {
+  const double longer = std::max(camera.width, camera.height);
+  const double tangent = std::tan(kReliefFov / 2 * std::numbers::pi / 180);
+  Placement p{camera, 0, 1};
+  p.camera.focal = longer / 2 / tangent;
+  p.camera.near_depth = 1;
+  p.camera.far_depth = kReliefDepth;
+  const double focus_depth = 1 / p.camera.inverse_depth(focus);
+  p.scale = 1 / (2 * tangent * focus_depth);
+  p.distance = focus_depth * p.scale;
+  return p;
+}
+
 /// The JSON document and the binary buffer it speaks of, growing together.
 class GlbBuilder {
  public:
   GlbBuilder();
 
   /// Both return the index of what they added.
-  int add_mesh(const Mesh& mesh, const Camera& camera, int material, const std::string& name);
+  int add_mesh(const Mesh& mesh, const Placement& placement, int material, const std::string& name);
   int add_material(const Layer& layer, bool transparent, const std::string& name);
   void add_node(Json node) {
     doc_["scenes"][0]["nodes"].push_back(doc_["nodes"].size());
     doc_["nodes"].push_back(std::move(node));
   }
-  void add_camera(const Camera& camera);
+  void add_camera(const Placement& placement);
   [[nodiscard]] std::vector<std::uint8_t> finish();
 
  private:
@@ -125,12 +149,15 @@ std::vector<std::array<std::uint32_t, 3>> sorted_triangles(const Mesh& mesh) {
   return sorted;
 }
 
-int GlbBuilder::add_mesh(const Mesh& mesh, const Camera& camera, int material, const std::string& name) {
+int GlbBuilder::add_mesh(const Mesh& mesh, const Placement& placement, int material,
+                         const std::string& name) {
   std::vector<std::array<float, 3>> positions(mesh.u.size());
   std::vector<std::array<float, 2>> texcoords(mesh.u.size());
   for (std::size_t i = 0; i < mesh.u.size(); ++i) {
-    const glm::dvec3 p = back_project(camera, mesh.u[i], mesh.v[i], mesh.disparity[i]);
-    positions[i] = {static_cast<float>(p.x), static_cast<float>(-p.y), static_cast<float>(-p.z)};
+    const glm::dvec3 p =
+        placement.scale * back_project(placement.camera, mesh.u[i], mesh.v[i], mesh.disparity[i]);
+    positions[i] = {static_cast<float>(p.x), static_cast<float>(-p.y),
+                    static_cast<float>(placement.distance - p.z)};
     texcoords[i] = {(mesh.u[i] + 0.5F) / static_cast<float>(mesh.width),
                     (mesh.v[i] + 0.5F) / static_cast<float>(mesh.height)};
   }
@@ -176,13 +203,14 @@ int GlbBuilder::add_material(const Layer& layer, bool transparent, const std::st
   return static_cast<int>(doc_["materials"].size()) - 1;
 }
 
-void GlbBuilder::add_camera(const Camera& camera) {
+void GlbBuilder::add_camera(const Placement& placement) {
+  const Camera& camera = placement.camera;
   const Json perspective = {{"aspectRatio", static_cast<double>(camera.width) / camera.height},
                             {"yfov", 2 * std::atan(camera.height / 2.0 / camera.focal)},
-                            {"znear", camera.clip_depth()},
-                            {"zfar", 2 * camera.far_depth}};
+                            {"znear", placement.scale * camera.clip_depth()},
+                            {"zfar", placement.scale * 2 * camera.far_depth}};
   doc_["cameras"] = Json::array({{{"name", "photo"}, {"type", "perspective"}, {"perspective", perspective}}});
-  add_node({{"name", "camera"}, {"camera", 0}});
+  add_node({{"name", "camera"}, {"camera", 0}, {"translation", {0.0, 0.0, placement.distance}}});
 }
 
 void put_u32(std::vector<std::uint8_t>& out, std::size_t value) {
@@ -219,10 +247,12 @@ std::vector<std::uint8_t> encode_glb(const Layers& layers, const Camera& camera,
                                       : full_mesh(layer.disparity);
   };
   GlbBuilder glb;
-  glb.add_camera(camera);
+  const Placement placement =
+      options.depth == GlbDepth::kTrue ? Placement{camera} : relief(camera, options.focus);
+  glb.add_camera(placement);
   const auto add_layer = [&](const Layer& layer, bool transparent, const std::string& name) {
     const int material = glb.add_material(layer, transparent, name);
-    glb.add_node({{"name", name}, {"mesh", glb.add_mesh(mesh_of(layer), camera, material, name)}});
+    glb.add_node({{"name", name}, {"mesh", glb.add_mesh(mesh_of(layer), placement, material, name)}});
   };
   if (layers.background) add_layer(*layers.background, false, "background");
   add_layer(layers.foreground, layers.background && !layers.foreground.alpha.empty(), "foreground");

@@ -223,6 +223,7 @@ class Job {
             .fps = options_.fps,
             .mesh_tolerance = options_.mesh_tolerance,
             .supersample = options_.supersample,
+            .glb_depth = options_.glb_depth == "true" ? GlbDepth::kTrue : GlbDepth::kRelief,
             .keep_edges = options_.keep_edges,
             .progress = [this, output](double part) { meter_("writing " + output, part); }};
   }

@@ -97,6 +97,12 @@ void declare_output(CLI::App& app, Options& o) {
                  "Make -o a still for two eyes: sbs (side by side) or anaglyph (red-cyan)")
       ->group(group)
       ->check(CLI::IsMember({"sbs", "anaglyph"}));
+  app.add_option(
+         "--glb-depth", o.glb_depth,
+         "Depth of a .glb: relief (shallow, looks right in any viewer) or true (as the camera saw it)")
+      ->group(group)
+      ->check(CLI::IsMember({"relief", "true"}))
+      ->capture_default_str();
   app.add_option("--layers", o.layers, "Also write the layers and every map into this folder")
       ->group(group)
       ->type_name("DIR");

@@ -31,6 +31,7 @@ struct Options {
   // Output
   std::vector<std::string> outputs;
   std::string stereo;
+  std::string glb_depth = "relief";
   std::string layers;
   std::string dump_masks;
 

@@ -146,6 +146,7 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, scene.photo, "-o", folder.file("x.gif")},
       {scene.photo, "--max-memory", "lots"},
       {scene.photo, "--size", "12x"},
+      {scene.photo, "--glb-depth", "deep", "-o", folder.file("x.glb")},
       {scene.photo, "--isa", "mmx"},
       {scene.photo, "--isa", "baseline,-mmx"},
       {scene.photo, "--depth-model", "midas_v21"},

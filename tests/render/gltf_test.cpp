@@ -57,7 +57,7 @@ Glb parse(const std::vector<std::uint8_t>& bytes) {
 
 TEST_CASE("In a GLB, every vertex seen through the file's camera falls on its own texture coordinates") {
   const slide::Camera camera = slide::make_camera(48, 32, 60, 1, 10);
-  const Glb glb = parse(slide::encode_glb(sample_scene(48, 32), camera));
+  const Glb glb = parse(slide::encode_glb(sample_scene(48, 32), camera, {.depth = slide::GlbDepth::kTrue}));
   const Json& lens = glb.json["cameras"][0]["perspective"];
   const double tan_y = std::tan(lens["yfov"].get<double>() / 2);
   const double tan_x = tan_y * lens["aspectRatio"].get<double>();
@@ -90,9 +90,40 @@ TEST_CASE("In a GLB, every vertex seen through the file's camera falls on its ow
   }
 }
 
+TEST_CASE("A GLB is a shallow relief about the origin by default, and its camera sees the photo") {
+  for (const auto& [width, height] : {std::pair(48, 32), std::pair(32, 48)}) {
+    const slide::Layers scene = sample_scene(width, height);
+    const Glb glb =
+        parse(slide::encode_glb(scene, slide::make_camera(width, height, 5, 2, 700), {.focus = 1}));
+    const Json& lens = glb.json["cameras"][0]["perspective"];
+    const double tan_y = std::tan(lens["yfov"].get<double>() / 2);
+    const double tan_x = tan_y * lens["aspectRatio"].get<double>();
+    CHECK(std::max(tan_x, tan_y) == doctest::Approx(std::tan(20 * 3.14159265358979 / 180)));
+    const double distance = glb.json["nodes"][0]["translation"][2].get<double>();
+    // The nearest plane lies at the origin, and the photo's longer side is 1 there.
+    CHECK(2 * distance * std::max(tan_x, tan_y) == doctest::Approx(1));
+    double farthest = 0;
+    for (const Json& mesh : glb.json["meshes"]) {
+      const Json& attributes = mesh["primitives"][0]["attributes"];
+      const std::vector<float> p = glb.values<float>(attributes["POSITION"]);
+      const std::vector<float> uv = glb.values<float>(attributes["TEXCOORD_0"]);
+      REQUIRE(p.size() >= 12);
+      for (std::size_t i = 0; i < p.size() / 3; ++i) {
+        const double depth = distance - p[3 * i + 2];
+        farthest = std::max(farthest, depth / distance);
+        CHECK(depth >= distance - 1e-5);
+        CHECK(p[3 * i] / depth / tan_x == doctest::Approx(2 * uv[2 * i] - 1).epsilon(1e-5));
+        CHECK(p[3 * i + 1] / depth / tan_y == doctest::Approx(1 - 2 * uv[2 * i + 1]).epsilon(1e-5));
+      }
+    }
+    CHECK(farthest <= 1.3 + 1e-5);
+    CHECK(farthest > 1.2);
+  }
+}
+
 TEST_CASE("In a GLB, triangles face the camera and go from far to near") {
   const slide::Camera camera = slide::make_camera(48, 32);
-  const Glb glb = parse(slide::encode_glb(sample_scene(48, 32), camera));
+  const Glb glb = parse(slide::encode_glb(sample_scene(48, 32), camera, {.depth = slide::GlbDepth::kTrue}));
   for (const Json& mesh : glb.json["meshes"]) {
     const Json& primitive = mesh["primitives"][0];
     const std::vector<float> p = glb.values<float>(primitive["attributes"]["POSITION"]);
