@@ -1,11 +1,13 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <vector>
 
 #include "render/exif.h"
+#include "render/icc.h"
 #include "render/image.h"
 #include "render/image_file.h"
 
@@ -16,6 +18,7 @@ namespace slide {
 struct Decoded {
   Image image;
   Exif exif;
+  std::optional<ColourProfile> profile;  ///< of the colours; nothing for sRGB
 };
 
 [[nodiscard]] bool is_jpeg(std::span<const std::uint8_t> bytes) noexcept;

@@ -15,6 +15,7 @@
 
 #include "ops/npy.h"
 #include "render/codec.h"
+#include "render/cutout.h"
 #include "render/oiio.h"
 #include "runtime/error.h"
 
@@ -88,6 +89,20 @@ Image map_from_array(const Tensor& array, const std::string& name) {
   throw Error(ErrorKind::kBadInput, name + " cannot be read as an image: " + e.what());
 }
 
+/// What `read` gives; whatever it throws becomes an Error that names the file.
+template <typename Read>
+auto guarded(const std::string& name, const Read& read) -> decltype(read()) {
+  try {
+    return read();
+  } catch (const std::bad_alloc&) {
+    out_of_memory(name);
+  } catch (const Error&) {
+    throw;
+  } catch (const std::exception& e) {
+    failed(name, e);
+  }
+}
+
 /// JPEG and PNG by their content, nothing for other formats.
 std::optional<Decoded> decode_known(std::span<const std::uint8_t> bytes, const std::string& name,
                                     const SizeCheck& check = {}) {
@@ -110,30 +125,36 @@ Image channel_of(const Image& image, int channel) {
   return out;
 }
 
-Image flattened_on_black(const Image& image, const Image& alpha) {
+/// Three equal channels of grey, or the colours without alpha.
+Image colours_of(const Image& image) {
   const bool grey = image.channels <= 2;
   Image out(image.width, image.height, 3);
   const auto channels = static_cast<std::size_t>(image.channels);
-  for (std::size_t i = 0; i < image.pixels(); ++i) {
-    const float a = alpha.empty() ? 1.0F : alpha.data[i];
-    for (std::size_t c = 0; c < 3; ++c) out.data[3 * i + c] = a * image.data[channels * i + (grey ? 0 : c)];
-  }
+  for (std::size_t i = 0; i < image.pixels(); ++i)
+    for (std::size_t c = 0; c < 3; ++c) out.data[3 * i + c] = image.data[channels * i + (grey ? 0 : c)];
   return out;
 }
 
-Photo to_photo(const Decoded& decoded, const std::string& name) {
+/// Transparency, the right way round; empty where there is none.
+Image alpha_of(const Decoded& decoded) {
   const Image& stored = decoded.image;
-  Photo photo;
-  const std::optional<double> focal = focal_length_pixels(decoded.exif, stored.width, stored.height);
-  for (const float v : stored.data) {
+  if (stored.channels != 2 && stored.channels != 4) return {};
+  Image alpha = channel_of(stored, stored.channels - 1);
+  if (std::all_of(alpha.data.begin(), alpha.data.end(), [](float a) { return a >= 1; })) return {};
+  return oriented(std::move(alpha), decoded.exif.orientation);
+}
+
+Photo to_photo(Decoded decoded, const std::string& name) {
+  const std::optional<double> focal =
+      focal_length_pixels(decoded.exif, decoded.image.width, decoded.image.height);
+  for (const float v : decoded.image.data) {
     if (!std::isfinite(v)) throw Error(ErrorKind::kBadInput, name + " holds NaN or infinite colours");
   }
-  if (stored.channels == 2 || stored.channels == 4) photo.alpha = channel_of(stored, stored.channels - 1);
-  if (std::all_of(photo.alpha.data.begin(), photo.alpha.data.end(), [](float a) { return a >= 1; })) {
-    photo.alpha = Image();
-  }
-  photo.colour = oriented(flattened_on_black(stored, photo.alpha), decoded.exif.orientation);
-  if (!photo.alpha.empty()) photo.alpha = oriented(std::move(photo.alpha), decoded.exif.orientation);
+  if (decoded.profile) apply_profile(*decoded.profile, decoded.image);
+  Photo photo;
+  photo.alpha = alpha_of(decoded);
+  photo.colour = oriented(colours_of(decoded.image), decoded.exif.orientation);
+  if (!photo.alpha.empty()) photo.colour = over_own_colours(photo.colour, photo.alpha);
   if (focal) photo.horizontal_fov = 2 * std::atan2(photo.colour.width / 2.0, *focal);
   return photo;
 }
@@ -171,6 +192,26 @@ Image to_map(Decoded decoded, const std::string& name) {
                        decoded.exif.orientation);
   require_finite(map, name);
   return map;
+}
+
+/// decode_known(), and PFM.
+std::optional<Decoded> decode_known_map(std::span<const std::uint8_t> bytes, const std::string& name) {
+  if (is_pfm(bytes)) return Decoded{decode_pfm(bytes, name), {}, {}};
+  return decode_known(bytes, name);
+}
+
+std::vector<std::uint8_t> read_whole(const std::string& path) {
+  std::vector<std::uint8_t> bytes = read_file(path);
+  if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
+  return bytes;
+}
+
+Decoded read_any_map(const std::string& path) {
+  std::vector<std::uint8_t> bytes = read_whole(path);
+  if (is_npy(bytes)) return {map_from_array(ops::read_npy(path), path), {}, {}};
+  std::optional<Decoded> decoded = decode_known_map(bytes, path);
+  bytes = {};  // OpenImageIO reads the file itself
+  return decoded ? std::move(*decoded) : read_through_openimageio(path, false);
 }
 
 }  // namespace
@@ -234,58 +275,40 @@ Image oriented(Image image, int orientation) {
 }
 
 Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check) {
-  try {
+  return guarded(name, [&] {
     std::optional<Decoded> decoded = decode_known(bytes, name, check);
     if (!decoded) unknown_format(name);
-    return to_photo(*decoded, name);
-  } catch (const std::bad_alloc&) {
-    out_of_memory(name);
-  }
+    return to_photo(std::move(*decoded), name);
+  });
 }
 
 Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name) {
-  try {
-    if (is_pfm(bytes)) return to_map({decode_pfm(bytes, name), {}}, name);
-    std::optional<Decoded> decoded = decode_known(bytes, name);
+  return guarded(name, [&] {
+    std::optional<Decoded> decoded = decode_known_map(bytes, name);
     if (!decoded) unknown_format(name);
     return to_map(std::move(*decoded), name);
-  } catch (const std::bad_alloc&) {
-    out_of_memory(name);
-  }
+  });
 }
 
 Photo read_photo(const std::string& path, const SizeCheck& check) {
-  std::vector<std::uint8_t> bytes = read_file(path);
-  if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
-  if (is_jpeg(bytes) || is_png(bytes)) return decode_photo(bytes, path, check);
-  bytes = {};
-  try {
-    return to_photo(read_through_openimageio(path, true, check), path);
-  } catch (const std::bad_alloc&) {
-    out_of_memory(path);
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& e) {
-    failed(path, e);
-  }
+  return guarded(path, [&] {
+    std::optional<Decoded> decoded = decode_known(read_whole(path), path, check);
+    return to_photo(decoded ? std::move(*decoded) : read_through_openimageio(path, true, check), path);
+  });
 }
 
 Image read_map(const std::string& path) {
-  std::vector<std::uint8_t> bytes = read_file(path);
-  if (bytes.empty()) throw Error(ErrorKind::kBadInput, path + " is an empty file");
-  if (is_jpeg(bytes) || is_png(bytes) || is_pfm(bytes)) return decode_map(bytes, path);
-  const bool array = is_npy(bytes);
-  bytes = {};
-  try {
-    if (array) return to_map({map_from_array(ops::read_npy(path), path), {}}, path);
-    return to_map(read_through_openimageio(path, false), path);
-  } catch (const std::bad_alloc&) {
-    out_of_memory(path);
-  } catch (const Error&) {
-    throw;
-  } catch (const std::exception& e) {
-    failed(path, e);
-  }
+  return guarded(path, [&] { return to_map(read_any_map(path), path); });
+}
+
+Image read_matte(const std::string& path) {
+  return guarded(path, [&] {
+    Decoded decoded = read_any_map(path);
+    Image alpha = alpha_of(decoded);
+    if (alpha.empty()) return to_map(std::move(decoded), path);
+    require_finite(alpha, path);
+    return alpha;
+  });
 }
 
 }  // namespace slide

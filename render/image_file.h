@@ -30,10 +30,9 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 ///
 /// JPEG and PNG are read in every build (libjpeg-turbo, libpng); whatever else OpenImageIO knows in builds
 /// with it. 8 and 16 bits, grey, palette, interlaced and progressive files all become RGB. EXIF orientation
-/// is applied (all eight cases, in PNG too). Transparent pixels are flattened on black, since the colours
-/// stored under them mean nothing, and the transparency is kept beside, where it can serve as a matte. Colour
-/// profiles are not applied: values are taken as sRGB, as stored; linear light, as in OpenEXR, is clipped to
-/// [0, 1] and sRGB-encoded.
+/// is applied (all eight cases, in PNG too). Colour profiles (ICC of primaries and curves, PNG's gamma) and
+/// linear light, as in OpenEXR, become sRGB, clipped to [0, 1]; other profiles are not applied. Transparent
+/// pixels are filled from the opaque ones around (render/cutout.h), and the transparency is kept beside.
 ///
 /// @throws Error(kBadInput) naming the file: missing, truncated or damaged, CMYK, more than kMaxImageSide
 /// pixels a
@@ -47,6 +46,9 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 /// channels are equal; transparency is ignored. Orientation is applied.
 /// @throws Error(kBadInput) as above, and for a NaN or infinite value, naming the first such pixel
 [[nodiscard]] Image read_map(const std::string& path);
+
+/// Reads a matte, H×W×1: the transparency of a file that has some, else as read_map() does.
+[[nodiscard]] Image read_matte(const std::string& path);
 
 /// The same from bytes in memory; `name` is what messages call them. JPEG, PNG and (maps only) PFM.
 [[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name,

@@ -94,6 +94,7 @@ bool read_header(Reader& r, const unsigned char* data, unsigned long size) {
   r.progress.progress_monitor = count_scans;
   r.info.progress = &r.progress;
   jpeg_save_markers(&r.info, JPEG_APP0 + 1, 0xFFFF);
+  jpeg_save_markers(&r.info, JPEG_APP0 + 2, 0xFFFF);
   jpeg_mem_src(&r.info, data, size);
   jpeg_read_header(&r.info, TRUE);
   return true;
@@ -120,6 +121,27 @@ Exif find_exif(const Reader& r) {
     }
   }
   return {};
+}
+
+/// The ICC profile, put together from its parts (ICC.1:2022, annex B.4); empty where one is missing.
+std::vector<std::uint8_t> find_profile(const Reader& r) {
+  constexpr std::array<std::uint8_t, 12> kIdentifier = {'I', 'C', 'C', '_', 'P', 'R',
+                                                        'O', 'F', 'I', 'L', 'E', 0};
+  constexpr std::size_t kHead = kIdentifier.size() + 2;  // which part, of how many
+  std::vector<std::uint8_t> profile;
+  for (unsigned part = 1;; ++part) {
+    bool found = false;
+    for (const jpeg_marker_struct* m = r.info.marker_list; m != nullptr && !found; m = m->next) {
+      const std::span<const std::uint8_t> bytes(m->data, m->data_length);
+      if (m->marker != JPEG_APP0 + 2 || bytes.size() <= kHead || bytes[kIdentifier.size()] != part ||
+          !std::equal(kIdentifier.begin(), kIdentifier.end(), bytes.begin()))
+        continue;
+      found = true;
+      profile.insert(profile.end(), bytes.begin() + kHead, bytes.end());
+      if (part == bytes[kIdentifier.size() + 1]) return profile;
+    }
+    if (!found) return {};
+  }
 }
 
 [[noreturn]] void damaged(const Reader& r, const std::string& name) {
@@ -190,6 +212,7 @@ Decoded decode_jpeg(std::span<const std::uint8_t> bytes, const std::string& name
   r.info.out_color_space = grey ? JCS_GRAYSCALE : JCS_RGB;
   Decoded result;
   result.exif = find_exif(r);
+  result.profile = read_icc_profile(find_profile(r));
   result.image =
       Image(static_cast<int>(r.info.image_width), static_cast<int>(r.info.image_height), grey ? 1 : 3);
   std::vector<unsigned char> samples(result.image.data.size());

@@ -22,11 +22,6 @@ namespace slide {
 #ifdef SLIDE_HAVE_OPENIMAGEIO
 namespace {
 
-float srgb_from_linear(float v) {
-  const float x = v > 0 ? std::min(v, 1.0F) : 0.0F;
-  return x <= 0.0031308F ? 12.92F * x : 1.055F * std::pow(x, 1 / 2.4F) - 0.055F;
-}
-
 Exif exif_of(const OIIO::ImageSpec& spec) {
   const auto positive = [&spec](const char* name) -> std::optional<double> {
     const float v = spec.get_float_attribute(name, 0);
@@ -38,6 +33,14 @@ Exif exif_of(const OIIO::ImageSpec& spec) {
   exif.focal_length_mm = positive("Exif:FocalLength");
   exif.focal_length_35mm = positive("Exif:FocalLengthIn35mmFilm");
   return exif;
+}
+
+/// The file's ICC profile, or the straight line of linear light (OpenEXR, HDR).
+std::optional<ColourProfile> profile_of(const OIIO::ImageSpec& spec) {
+  if (OIIO::Strutil::iequals(spec.get_string_attribute("oiio:ColorSpace"), "linear")) return gamma_profile(1);
+  const OIIO::ParamValue* icc = spec.find_attribute("ICCProfile");
+  if (icc == nullptr || icc->type().basetype != OIIO::TypeDesc::UINT8) return std::nullopt;
+  return read_icc_profile({static_cast<const std::uint8_t*>(icc->data()), icc->type().size()});
 }
 
 [[noreturn]] void unreadable(const std::string& path, const std::string& why) {
@@ -138,13 +141,7 @@ Decoded read_through_openimageio(const std::string& path, bool photo, const Size
   if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT, result.image.data.data())) {
     unreadable(path, input->geterror());
   }
-  if (photo && OIIO::Strutil::iequals(spec.get_string_attribute("oiio:ColorSpace"), "linear")) {
-    const int colours = channels > 2 ? 3 : 1;
-    for (std::size_t i = 0; i < result.image.data.size(); ++i) {
-      float& v = result.image.data[i];
-      if (static_cast<int>(i % static_cast<std::size_t>(channels)) < colours) v = srgb_from_linear(v);
-    }
-  }
+  if (photo) result.profile = profile_of(spec);
   return result;
 }
 

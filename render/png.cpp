@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <optional>
+#include <utility>
 
 #include "render/codec.h"
 #include "render/image_file.h"
@@ -63,6 +65,21 @@ bool read_header(Reader& r) {
   png_set_read_fn(r.png, &r, take_bytes);
   png_read_info(r.png, r.info);
   return true;
+}
+
+/// The colour profile: sRGB's own chunk says that there is none to apply, an ICC profile goes before a gamma
+/// (PNG third edition, section 4.3).
+std::optional<ColourProfile> profile_of(Reader& r) {
+  if (png_get_valid(r.png, r.info, PNG_INFO_sRGB) != 0) return std::nullopt;
+  png_charp name = nullptr;
+  png_bytep data = nullptr;
+  png_uint_32 size = 0;
+  int compression = 0;
+  if (png_get_iCCP(r.png, r.info, &name, &compression, &data, &size) != 0)
+    return read_icc_profile({data, size});
+  double exponent = 0;
+  if (png_get_gAMA(r.png, r.info, &exponent) != 0) return gamma_profile(exponent);
+  return std::nullopt;
 }
 
 /// Asks for 8 or 16 bits a sample, no palette, transparency as a channel.
@@ -160,12 +177,14 @@ Decoded decode_png(std::span<const std::uint8_t> bytes, const std::string& name,
   const png_uint_32 height = png_get_image_height(r.png, r.info);
   check_image_size(width, height, name);
   if (check) check(static_cast<int>(width), static_cast<int>(height));
+  std::optional<ColourProfile> profile = profile_of(r);
   if (!prepare(r)) damaged(r, name);
   const int channels = png_get_channels(r.png, r.info);
   const bool wide = png_get_bit_depth(r.png, r.info) == 16;
   const std::size_t stride = png_get_rowbytes(r.png, r.info);
 
   Decoded result;
+  result.profile = std::move(profile);
   result.image = Image(static_cast<int>(width), static_cast<int>(height), channels);
   std::vector<png_byte> samples(stride * height);
   std::vector<png_bytep> rows = row_pointers(samples.data(), stride, height);

@@ -44,7 +44,7 @@ class Job {
                                               report_.width, report_.height, options_.depth);
     if (options_.matte != "none" && options_.matte != "auto")
       tensors_.matte =
-          matte_from_map(read_map(options_.matte), report_.width, report_.height, options_.matte);
+          matte_from_map(read_matte(options_.matte), report_.width, report_.height, options_.matte);
     report_.depth_origin = options_.depth.empty() ? describe(models_.choices().depth) : options_.depth;
     report_.matting_origin = describe(models_.choices().matting);
   }

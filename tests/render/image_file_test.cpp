@@ -150,18 +150,44 @@ TEST_CASE("PNG samples of 1, 8 and 16 bits are read exactly, interlaced or not")
   CHECK(largest_error(grey1, [](int x, int y, int) { return (x * y + x) % 2; }) == 0);
 }
 
-TEST_CASE("Transparent pixels are flattened on black and the transparency is kept") {
+TEST_CASE("Transparent pixels continue the opaque ones and the transparency is kept") {
   const Photo rgba = slide::read_photo(data("rgba_16.png"));
   check_size(rgba.colour, 9, 7, 3);
   check_size(rgba.alpha, 9, 7, 1);
   CHECK(largest_error(rgba.alpha, [](int x, int y, int) { return sample16(x, y, 3) / 65535.0; }) < 1e-7);
-  CHECK(largest_error(rgba.colour, [](int x, int y, int c) {
-          return sample16(x, y, c) / 65535.0 * (sample16(x, y, 3) / 65535.0);
-        }) < 2e-7);
-  const Photo grey = slide::read_photo(data("grey_alpha_8.png"));
-  CHECK(largest_error(grey.colour, [](int x, int y, int) {
-          return sample8(x, y, 0) / 255.0 * (sample8(x, y, 1) / 255.0);
-        }) < 2e-7);
+  // One colour and black under what is transparent: one colour everywhere. Two, half a picture apart: neither
+  // the hidden colours nor anything outside of their range.
+  Image cutout(37, 21, 4);
+  for (int y = 0; y < 21; ++y)
+    for (int x = 0; x < 37; ++x) {
+      const float alpha = x < 8 ? 1.0F : x < 12 ? 0.6F : x < 30 ? 0.0F : 1.0F;
+      cutout.at(x, y, 3) = alpha;
+      for (int c = 0; c < 3; ++c) cutout.at(x, y, c) = alpha > 0 ? 0.2F * static_cast<float>(c + 1) : 0.0F;
+    }
+  const auto decoded = [&] { return slide::decode_photo(slide::encode_png(cutout, 16), "cutout"); };
+  CHECK(largest_error(decoded().colour, [](int, int, int c) { return 0.2 * (c + 1); }) < 1e-5);
+  for (int y = 0; y < 21; ++y)
+    for (int x = 30; x < 37; ++x) cutout.at(x, y, 0) = 0.9F;
+  const Image colour = decoded().colour;
+  for (int y = 0; y < 21; ++y) {
+    CHECK(colour.at(3, y, 0) == doctest::Approx(0.2).epsilon(1e-4));
+    CHECK(colour.at(33, y, 0) == doctest::Approx(0.9).epsilon(1e-4));
+    for (int x = 8; x < 30; ++x) {
+      CHECK(colour.at(x, y, 0) > 0.199F);
+      CHECK(colour.at(x, y, 0) < 0.901F);
+    }
+  }
+}
+
+TEST_CASE("A matte is the transparency of a file that has some, else its grey values") {
+  const TemporaryFolder folder;
+  Image white(5, 4, 4, 1.0F);
+  for (int y = 0; y < 4; ++y)
+    for (int x = 0; x < 5; ++x) white.at(x, y, 3) = static_cast<float>(x) / 4;
+  slide::write_png(folder.file("alpha.png"), white, 16);
+  CHECK(largest_error(slide::read_matte(folder.file("alpha.png")), [](int x, int, int) { return x / 4.0; }) <
+        1e-5);
+  CHECK(slide::read_matte(data("grey_16.png")).data == slide::read_map(data("grey_16.png")).data);
 }
 
 TEST_CASE("A palette with transparent entries is resolved") {
@@ -175,7 +201,7 @@ TEST_CASE("A palette with transparent entries is resolved") {
   CHECK(largest_error(photo.colour, [&](int x, int y, int c) {
           const int i = entry(x, y);
           const int colour = c == 0 ? i * 16 % 256 : c == 1 ? (255 - i * 16) % 256 : i * 7 % 256;
-          return colour / 255.0 * alpha(x, y);
+          return alpha(x, y) >= 1 ? colour / 255.0 : static_cast<double>(photo.colour.at(x, y, c));
         }) < 2e-7);
 }
 
