@@ -183,7 +183,7 @@ class Ragged:
     def __len__(self):
         return len(self.index)
 
-    def __getitem__(self, i):
+    def __getitem__(self, i):  # raises IndexError past the end, which ends a for loop
         h, w, c, offset = self.index[i]
         flat = self.data[offset:offset + h * w * c]
         return flat.reshape(h, w, c) if c > 1 else flat.reshape(h, w)

@@ -1,16 +1,17 @@
-"""Training samples for depth: rooms with measured depth, photos with pseudo-disparity, cut-outs pasted before either.
+"""Training samples for depth: rooms with measured depth, photos in the wild with disparity by strong networks, cut-outs pasted
+before either.
 
 A sample is (rgb, disparity, weight, edge, relative): disparity of any scale and shift; weight, how far each pixel is to be
-believed; edge, where a matte says that disparity jumps; relative, the factor that turns an error of the (scaled) disparity
+believed; edge, where a matte or the disparity itself says that it jumps; relative, the factor that turns an error of the (scaled) disparity
 into a relative error of depth, zero where depth was never measured.
 """
 import cv2
 import numpy as np
 
 from common import Ragged
-from pseudo_depth import SCALE
 
-BELIEVED = {0: (.25, .25), 1: (.25, .25), 2: (.35, 1.)}  # subject.npy -> weight of background, of subject
+MIXTURE = {'room': .38, 'wild': .37, 'room composite': .12, 'wild composite': .13}
+JUMP = .06  # where disparity differs by more within 3x3 pixels, there is an edge: of the range
 
 
 def resize(x, h, w, mode=cv2.INTER_LINEAR):
@@ -33,14 +34,24 @@ def jitter(x, rng):
     return np.clip(x, 0, 1)
 
 
+def jumps(d):
+    """Where a disparity map has an edge."""
+    kernel = np.ones((3, 3), np.uint8)
+    return cv2.dilate(d, kernel) - cv2.erode(d, kernel) > JUMP
+
+
 class DepthData:
     def __init__(self, cache, seed):
         self.rooms, self.depth = np.load(cache + '/rooms_rgb.npy', mmap_mode='r'), np.load(cache + '/rooms_depth.npy', mmap_mode='r')
-        self.photos, self.mattes, self.disparities = (Ragged(f'{cache}/{n}') for n in ('photos', 'mattes', 'disparities'))
+        self.photos, self.mattes = (Ragged(f'{cache}/{n}') for n in ('photos', 'mattes'))
         self.subject = np.load(cache + '/subject.npy')
         held = set(np.load(cache + '/held.npy'))
         self.usable = np.array([i for i in range(len(self.photos)) if i not in held])
         self.subjects = np.array([i for i in self.usable if self.subject[i] == 2])
+        self.wild, self.wild_disparity = Ragged(cache + '/wild_train'), Ragged(cache + '/wild_train_disparity')
+        share = np.load(cache + '/wild_train_share.npy')
+        self.wild_share = share / share.sum()
+        self.cuts, self.cut_alphas = Ragged(cache + '/cuts'), Ragged(cache + '/cuts_alpha')
         self.rng = np.random.default_rng(seed)
 
     def window(self, h, w, aspect):
@@ -59,14 +70,11 @@ class DepthData:
         low, span = d.min(), np.ptp(d) + 1e-6
         return resize(self.rooms[i][s], h, w), (d - low) / span, np.ones_like(d), np.zeros_like(d), span / d
 
-    def photo(self, h, w):
-        i = self.usable[self.rng.integers(len(self.usable))] if self.rng.random() < .1 else self.subjects[self.rng.integers(len(self.subjects))]
-        s = self.window(*self.mattes[i].shape, w / h)
-        d = resize(self.disparities[i][s], h, w).astype(np.float32) / SCALE
-        far, near = BELIEVED[self.subject[i]]
-        inside = (resize(self.mattes[i][s], h, w) > 127).astype(np.uint8)
-        band = self.band(inside) if self.subject[i] == 2 else np.zeros((h, w), np.float32)
-        return resize(self.photos[i][s], h, w), d, np.where(inside > 0, near, far).astype(np.float32), band, np.zeros((h, w), np.float32)
+    def wild_photo(self, h, w):
+        i = self.rng.choice(len(self.wild), p=self.wild_share)
+        s = self.window(*self.wild_disparity[i].shape, w / h)
+        d = resize(self.wild_disparity[i][s], h, w).astype(np.float32) / 255
+        return resize(self.wild[i][s], h, w), d, np.ones_like(d), jumps(d).astype(np.float32), np.zeros_like(d)
 
     @staticmethod
     def band(inside):
@@ -76,8 +84,12 @@ class DepthData:
     def paste(self, rgb, d, weight, edge, relative):
         """A cut-out before the scene, nearer than nearly all that it covers."""
         rng, (h, w) = self.rng, d.shape
-        i = self.subjects[rng.integers(len(self.subjects))]
-        image, matte = self.photos[i], self.mattes[i]
+        if rng.random() < .25:
+            i = rng.integers(len(self.cuts))
+            image, matte = self.cuts[i], self.cut_alphas[i]
+        else:
+            i = self.subjects[rng.integers(len(self.subjects))]
+            image, matte = self.photos[i], self.mattes[i]
         if not .04 < (matte[::4, ::4] > 127).mean() < .6:
             return rgb, d, weight, edge, relative
         ch = int(h * rng.uniform(.35, 1.1))
@@ -102,10 +114,10 @@ class DepthData:
                 np.maximum(edge * ~solid, self.band(solid.astype(np.uint8))), relative * ~solid)
 
     def sample(self, h, w):
-        t = self.rng.random()
-        rgb, *maps = self.room(h, w) if t < .45 or (t > .75 and self.rng.random() < .6) else self.photo(h, w)
+        kind = self.rng.choice(list(MIXTURE), p=list(MIXTURE.values()))
+        rgb, *maps = (self.wild_photo if kind.startswith('wild') else self.room)(h, w)
         rgb = jitter(rgb, self.rng)
-        if t > .75:
+        if kind.endswith('composite'):
             for _ in range(self.rng.integers(1, 3)):
                 rgb, *maps = self.paste(rgb, *maps)
         if self.rng.random() < .5:

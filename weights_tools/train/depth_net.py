@@ -8,6 +8,11 @@ import torch
 import torch.nn as nn
 import torch.nn.functional as F
 
+
+def relu6(x):
+    return x.clamp(0, 6)  # F.relu6 has no gradient in bfloat16
+
+
 # expansion, channels, repeats, stride
 STAGES = [(1, 16, 1, 1), (6, 24, 2, 2), (6, 32, 3, 2), (6, 64, 4, 2), (6, 96, 3, 1), (6, 160, 3, 2), (6, 320, 1, 1)]
 TAPS = {2: 24, 5: 32, 12: 96, 16: 320}  # block -> channels, at 1/4, 1/8, 1/16 and 1/32 of the input
@@ -33,10 +38,10 @@ class InvertedResidual(nn.Module):
         self.project = Pointwise(hidden, oc)
 
     def forward(self, x):
-        y = x if self.expand is None else F.relu6(self.expand(x))
+        y = x if self.expand is None else relu6(self.expand(x))
         if self.stride == 2:
             y = F.pad(y, (0, 1, 0, 1))
-        y = self.project(F.relu6(self.depthwise(y)))
+        y = self.project(relu6(self.depthwise(y)))
         return x + y if self.residual else y
 
 
@@ -54,7 +59,7 @@ class Encoder(nn.Module):
 
     def forward(self, x):
         with torch.set_grad_enabled(torch.is_grad_enabled() and not self.frozen):
-            x = F.relu6(self.stem(F.pad(x, (0, 1, 0, 1))))
+            x = relu6(self.stem(F.pad(x, (0, 1, 0, 1))))
         taps = []
         for i, block in enumerate(self.blocks):
             with torch.set_grad_enabled(torch.is_grad_enabled() and i >= self.frozen):
@@ -104,4 +109,5 @@ class DepthNet(nn.Module):
             y = self.refine[i](y, e[i])
         y = F.relu(self.out1(y))
         y = F.interpolate(y, scale_factor=2, mode='bilinear', align_corners=False)
-        return self.out3(F.relu(self.out2(y)))[:, 0]
+        with torch.autocast(y.device.type, enabled=False):  # not in bfloat16, where oneDNN's gradient of out2 is not finite
+            return self.out3(F.relu(self.out2(y.to(self.out2.weight.dtype))))[:, 0]

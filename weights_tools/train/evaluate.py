@@ -30,6 +30,7 @@ from guided import MATTE_RADIUS, guided_upsample
 from inpaint_data import InpaintData, finished, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
+from train_depth import evaluate_wild
 from train_matte import input_size, predict
 
 
@@ -147,6 +148,7 @@ def depth(a):
         print(f'rooms, {name}: {rooms(estimate, a.cache)}', flush=True)
         if a.views:
             print(f'stereo scenes, {name}: {views(estimate, a.views)}', flush=True)
+    print('photos in the wild, before they are enlarged:', evaluate_wild(net, a.cache, 'cpu'), flush=True)
     for name, guided in (('', True), (', bicubic', False)):
         print(f'held-out photos{name}:', boundaries(lambda x: disparity(net, x, guided=guided), held_subjects(a.cache), 384), flush=True)
         if a.alphamatting:

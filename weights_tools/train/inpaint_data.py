@@ -76,6 +76,7 @@ def finished(scene, truth, d, alpha, parallax):
 class InpaintData(DepthData):
     def __init__(self, cache, seed, size, held=False, strokes=.15):
         super().__init__(cache, seed)
+        self.disparities = Ragged(cache + '/disparities')
         self.size, self.strokes = size, 0 if held else strokes
         if held:
             every = np.load(cache + '/held.npy')

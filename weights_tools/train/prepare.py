@@ -3,7 +3,8 @@
 
   prepare.py --data DATA --cache CACHE
 
-Every 40th photo with a matte is held out of all three trainings (held.npy); the rooms follow the data's own lists.
+Every 40th photo with a matte is held out of all three trainings (held.npy); the rooms and the photos in the wild follow the data's
+own lists.
 """
 import argparse
 import os
@@ -55,4 +56,25 @@ Ragged.write(f'{a.cache}/disparities', disparities)
 subject = np.array(subject, np.uint8)
 np.save(f'{a.cache}/subject.npy', subject)  # 0: no matte, 1: an empty matte, 2: a subject
 np.save(f'{a.cache}/held.npy', np.nonzero(subject > 0)[0][::40])
-print(len(every) - len(unused), 'rooms', len(held), 'held out;', len(names), 'photos,', (subject == 2).sum(), 'with a subject')
+
+with open(f'{a.data}/wild.tsv') as f:
+    wild = [line.rstrip('\n').split('\t') for line in f][1:]  # name, source, clip or '-', set
+for part in ('train', 'holdout'):
+    rows = [row for row in wild if row[3] == part]
+    Ragged.write(f'{a.cache}/wild_{part}', [np.asarray(Image.open(f'{a.data}/wild/{r[0]}.jpg').convert('RGB')) for r in rows])
+    Ragged.write(f'{a.cache}/wild_{part}_disparity', [np.asarray(Image.open(f'{a.data}/wild/{r[0]}_disparity.png').convert('L')) for r in rows])
+    frames = [sum(other[2] == r[2] for other in rows) if r[2] != '-' else 1 for r in rows]
+    np.save(f'{a.cache}/wild_{part}_share.npy', 1 / np.array(frames, np.float64))  # frames of one clip count as one photo
+
+cuts = sorted(f[:-len('_alpha.png')] for f in os.listdir(a.data + '/mattes_true') if f.endswith('_alpha.png'))
+
+
+def cut(name, mode):
+    image = Image.open(f'{a.data}/mattes_true/{name}').convert(mode)
+    return np.asarray(image.resize([max(2, round(v * 640 / max(image.size))) for v in image.size], Image.BOX))
+
+
+Ragged.write(f'{a.cache}/cuts', [cut(c + '_image.jpg', 'RGB') for c in cuts])
+Ragged.write(f'{a.cache}/cuts_alpha', [cut(c + '_alpha.png', 'L') for c in cuts])
+print(len(every) - len(unused), 'rooms,', len(held), 'held out;', len(names), 'photos,', (subject == 2).sum(), 'with a subject;',
+      sum(row[3] == 'train' for row in wild), 'photos in the wild;', len(cuts), 'cut-outs with true alpha')
