@@ -1,20 +1,21 @@
 # slide_add_kernels(files...): compiles each file once per instruction-set level of the target CPU, with
-#   SLIDE_ISA        the level's namespace: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, neon
+#   SLIDE_ISA        the level's namespace: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, neon
 #   SLIDE_ISA_ENUM   its enumerator in slide::Isa
 #   SLIDE_ISA_WIDTH  float32 lanes of a vector
 # so that one source written over ops/simd gives every level. Files must put all they define into namespace SLIDE_ISA.
 # slide_add_word_kernels(files...): the same, and once more for each level that differs from those below it in the products
-# of 8 and 16 bits alone (SLIDE_WORD_LEVEL is defined there): avxvnni, avx512vnni.
+# of 8 and 16 bits alone (SLIDE_WORD_LEVEL is defined there; SLIDE_TILES where tiles multiply them): avxvnni, avx512vnni, amx.
 set(SLIDE_ISA_LEVELS)
 set(SLIDE_WORD_LEVELS)
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(SLIDE_ISA_LEVELS baseline avx2 avx512 avx512bf16)
-  set(SLIDE_WORD_LEVELS avxvnni avx512vnni)
+  set(SLIDE_WORD_LEVELS avxvnni avx512vnni amx)
   set(SLIDE_ISA_FLAGS_baseline "")
   set(SLIDE_ISA_FLAGS_avx2 -mavx2 -mfma)
   set(SLIDE_ISA_FLAGS_avx512 -mavx512f -mavx512bw -mavx512dq -mavx512vl -mavx2 -mfma -mprefer-vector-width=512)
   set(SLIDE_ISA_FLAGS_avx512vnni ${SLIDE_ISA_FLAGS_avx512} -mavx512vnni)
   set(SLIDE_ISA_FLAGS_avx512bf16 ${SLIDE_ISA_FLAGS_avx512vnni} -mavx512bf16)
+  set(SLIDE_ISA_FLAGS_amx ${SLIDE_ISA_FLAGS_avx512bf16} -mamx-tile -mamx-bf16 -mamx-int8)
   set(SLIDE_ISA_FLAGS_avxvnni ${SLIDE_ISA_FLAGS_avx2} -mavxvnni)
   set(SLIDE_ISA_WIDTH_baseline 4)
   set(SLIDE_ISA_WIDTH_avx2 8)
@@ -22,6 +23,7 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(SLIDE_ISA_WIDTH_avx512 16)
   set(SLIDE_ISA_WIDTH_avx512vnni 16)
   set(SLIDE_ISA_WIDTH_avx512bf16 16)
+  set(SLIDE_ISA_WIDTH_amx 16)
 elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64")
   set(SLIDE_ISA_LEVELS baseline neon)
   set(SLIDE_ISA_FLAGS_baseline "")
@@ -39,6 +41,7 @@ set(SLIDE_ISA_ENUM_avxvnni kAvxVnni)
 set(SLIDE_ISA_ENUM_avx512 kAvx512)
 set(SLIDE_ISA_ENUM_avx512vnni kAvx512Vnni)
 set(SLIDE_ISA_ENUM_avx512bf16 kAvx512Bf16)
+set(SLIDE_ISA_ENUM_amx kAmx)
 set(SLIDE_ISA_ENUM_neon kNeon)
 
 foreach(isa ${SLIDE_ISA_LEVELS})
@@ -75,4 +78,7 @@ function(slide_add_word_kernels)
   foreach(isa ${SLIDE_WORD_LEVELS})
     target_compile_definitions(slide_ops_${isa} PRIVATE SLIDE_WORD_LEVEL=1)
   endforeach()
+  if(TARGET slide_ops_amx)
+    target_compile_definitions(slide_ops_amx PRIVATE SLIDE_TILES=1)
+  endif()
 endfunction()

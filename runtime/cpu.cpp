@@ -22,7 +22,7 @@ namespace slide {
 namespace {
 
 constexpr std::array<std::string_view, kIsaLevels> kNames = {"baseline",   "avx2",       "avxvnni", "avx512",
-                                                             "avx512vnni", "avx512bf16", "neon"};
+                                                             "avx512vnni", "avx512bf16", "amx",     "neon"};
 constexpr std::array<std::string_view, kCpuFeatures> kFeatureNames = {
     "avx2",     "f16c",     "avx_vnni", "avx512", "avx512_vnni", "avx512_bf16", "avx512_fp16", "amx_tile",
     "amx_bf16", "amx_int8", "neon",     "fp16",   "dotprod",     "i8mm",        "bf16"};
@@ -159,6 +159,8 @@ CpuFeatures features_of(Isa isa) noexcept {
       return vnni;
     case Isa::kAvx512Bf16:
       return bf16;
+    case Isa::kAmx:
+      return bf16.with(CpuFeature::kAmxTile).with(CpuFeature::kAmxBf16).with(CpuFeature::kAmxInt8);
     case Isa::kNeon:
       return none.with(CpuFeature::kNeon);
   }

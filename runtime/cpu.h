@@ -65,11 +65,12 @@ enum class Isa : int {
   kAvx512,        ///< AVX-512 F, BW, DQ, VL
   kAvx512Vnni,    ///< kAvx512 + VNNI: 8-bit products only
   kAvx512Bf16,    ///< kAvx512Vnni + BF16
+  kAmx,           ///< kAvx512Bf16 + AMX tiles: products of 8 and 16 bits only
   kNeon,          ///< AArch64 Advanced SIMD
 };
-inline constexpr int kIsaLevels = 7;
+inline constexpr int kIsaLevels = 8;
 
-/// "baseline", "avx2", "avxvnni", "avx512", "avx512vnni", "avx512bf16", "neon".
+/// "baseline", "avx2", "avxvnni", "avx512", "avx512vnni", "avx512bf16", "amx", "neon".
 [[nodiscard]] std::string_view name_of(Isa isa) noexcept;
 [[nodiscard]] std::optional<Isa> isa_from_name(std::string_view name) noexcept;
 

@@ -52,6 +52,8 @@ class Conv2dKernel : public Kernel {
   [[nodiscard]] Precision precision() const override { return Method::kPrecision; }
   [[nodiscard]] bool supports(const Op& op, std::span<const Shape> inputs,
                               const Shape& /*output*/) const override {
+    if constexpr (requires { &Method::fits_tiles; })
+      if (routines_.tile_depth > 1) return Method::fits_tiles(of(op).geometry(inputs), of(op).fusion());
     return Method::fits(of(op).geometry(inputs), of(op).fusion());
   }
   [[nodiscard]] bool replaces_lower(const Op& op, std::span<const Shape> inputs) const override {

@@ -7,11 +7,15 @@
 #include "ops/conv2d/depthwise/depthwise_kernels.h"
 #include "ops/conv2d/few_filters/few_filters_kernels.h"
 #include "ops/conv2d/word_kernels.h"
+#if defined(SLIDE_TILES)
+#include "ops/conv2d/tile_kernels.h"
+#endif
 #include "ops/simd/math.h"
 
 namespace slide::ops::SLIDE_ISA {
 namespace {
 
+#if !defined(SLIDE_TILES)
 template <int R, int V>
 SLIDE_INLINE void multiply_panel(const float* a, const float* b, std::int64_t depth, float* c) {
   Float sums[R][V];
@@ -47,6 +51,9 @@ void multiply(const float* a, const float* b, std::int64_t depth, float* c, std:
   if (row_count > 1) return multiply_rows<2>(a, b, depth, c, column_count);
   multiply_rows<1>(a, b, depth, c, column_count);
 }
+
+void nothing() {}
+#endif
 
 SLIDE_INLINE std::int64_t clamp(std::int64_t value, std::int64_t low, std::int64_t high) {
   return value < low ? low : value > high ? high : value;
@@ -148,7 +155,9 @@ void depthwise_row(const DepthwiseRow& row, float* y, std::int64_t count) {
 extern const Conv2dRoutines conv2d_routines;
 const Conv2dRoutines conv2d_routines {
   Isa::SLIDE_ISA_ENUM,
-#if defined(SLIDE_WORD_LEVEL)
+#if defined(SLIDE_TILES)
+      false, {false, true, true},
+#elif defined(SLIDE_WORD_LEVEL)
       false, {false, false, true},
 #else
       true, {true, true, true},
@@ -158,8 +167,14 @@ const Conv2dRoutines conv2d_routines {
 #else
       false,
 #endif
-      kRows, kColumns, multiply, pack_columns,
-      {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>},
+#if defined(SLIDE_TILES)
+      kTileHeight, kColumns, kTileWords, nullptr, pack_columns,
+      {nullptr, multiply_words_by_tiles<Bf16>, multiply_words_by_tiles<Int8>}, Tiles::configure,
+      Tiles::release,
+#else
+      kRows, kColumns, 1, multiply, pack_columns,
+      {multiply_words<Fp32>, multiply_words<Bf16>, multiply_words<Int8>}, nothing, nothing,
+#endif
       {fill_rows<Fp32>, fill_rows<Bf16>, fill_rows<Int8>}, {gather<Fp32>, gather<Bf16>, gather<Int8>},
       gather_copies, range, gate, depthwise_row, depthwise_plane, split_plane,
       {kTileRows<1>, kTileRows<2>, kTileRows<3>, kTileRows<4>}, add_filters

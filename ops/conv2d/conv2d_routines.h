@@ -55,15 +55,15 @@ struct DepthwisePlane {
 
 /// A block of the depth of a product of words (direct/direct.h) for a panel of rows and one of columns.
 struct WordProduct {
-  const float* a;               ///< depth × rows
+  const float* a;               ///< depth × rows, as Conv2dRoutines::tile_depth says
   const float* b;               ///< row k at b + offsets[k], without offsets at b + k·columns
   const std::int32_t* offsets;  ///< may be null
   std::int64_t depth;
   std::int64_t row_count, column_count;  ///< b is read up to a multiple of the vector width
-  const float* start;  ///< in the first block, for each row the word that its sums start from; else null
-  float* sums;  ///< else read from here, and left here if this is not the last block; rows of `columns`
-  bool last;
-  const float* step;  ///< in the last block, integers: y = sum · step + bias for each row
+  bool first, last;                      ///< of the blocks
+  const float* start;                    ///< for each row the word that its sums start from, or end with
+  float* sums;                           ///< what a block leaves for the next; rows of `columns`
+  const float* step;                     ///< in the last block, integers: y = sum · step + bias for each row
   const float* bias;
   const float* residual;  ///< in the last block: added, laid out like y; may be null
   bool residual_last;     ///< ... behind the cut
@@ -137,6 +137,10 @@ struct Conv2dRoutines {
   bool fused;            ///< multiply and add round once
   std::int64_t rows;     ///< of a panel of the left matrix
   std::int64_t columns;  ///< of a panel of the right matrix
+  /// Words of a row of the left matrix that lie together: word k of row m is a[(k / d · rows + m) · d + k %
+  /// d]. If there are several, depths are filled up to a multiple of d with zeros in both matrices, and words
+  /// of b are gathered.
+  std::int64_t tile_depth;
 
   /// c[m, j] += sum over k < depth of a[k·rows + m] · b[k·columns + j], for all m < row_count <= rows and j <
   /// column_count <= columns and perhaps others within the panel; the sum is taken in the order of k and then
@@ -152,8 +156,11 @@ struct Conv2dRoutines {
   // By Precision, words as direct/direct.h has them.
 
   /// Products are added to the sums in the order of k, after what they start from; sums of integers are
-  /// int32.
+  /// int32. With tiles (tiles.h) those of 2·tile_depth products are added.
   void (*multiply_words[3])(const WordProduct& product);
+  /// What a thread does before its products of words, and behind them.
+  void (*begin_products)();
+  void (*end_products)();
 
   /// In each row y[j] = the word of x[start + j·stride] where that is in [0, width), else `outside`, for j <
   /// count.

@@ -16,7 +16,10 @@ using simd::store_some;
 constexpr std::int64_t kWidth = simd::kWidth;
 
 // Accumulators, the vectors of b and a broadcast fit into the registers: 32 (AVX-512, AArch64) or 16.
-#if defined(__AVX512F__) || defined(__aarch64__)
+#if defined(SLIDE_TILES_EMULATED)
+constexpr int kRows = 4;
+constexpr int kVectors = 48 / kWidth;
+#elif defined(__AVX512F__) || defined(__aarch64__)
 constexpr int kRows = 8;
 constexpr int kVectors = 3;
 #elif defined(__FMA__)
@@ -81,7 +84,7 @@ SLIDE_INLINE void prefetch_rows(const WordProduct& p) {
 template <typename P, int R, int V, bool kOffsets>
 SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
   static constexpr float kZeros[R] = {};
-  const float* start = p.start != nullptr ? p.start : kZeros;
+  const float* start = p.first ? p.start : kZeros;
   typename P::Sum sums[R][V];
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
     SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::start(start + m);
@@ -99,7 +102,7 @@ SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
     }
   }
-  if (p.start == nullptr) {
+  if (!p.first) {
     SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] =
           P::add(P::load(p.sums + m * kColumns + v * kWidth), sums[m][v]);

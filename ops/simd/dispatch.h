@@ -17,6 +17,7 @@
 /// SLIDE_EACH_WORD_ISA(X) is the same for the sources of slide_add_word_kernels().
 #if defined(SLIDE_HAVE_AVX512BF16)
 #define SLIDE_EACH_WORD_ISA(X)           \
+  X(amx, slide::Isa::kAmx)               \
   X(avx512bf16, slide::Isa::kAvx512Bf16) \
   X(avx512vnni, slide::Isa::kAvx512Vnni) \
   X(avx512, slide::Isa::kAvx512)         \

@@ -281,6 +281,9 @@ TEST_CASE("8-bit products have kernels of their own wherever there is VNNI, othe
     CHECK_FALSE(at(isa, Precision::kBf16));
   }
   CHECK(at(Isa::kAvx512Bf16, Precision::kBf16));
+  CHECK(at(Isa::kAmx, Precision::kInt8));
+  CHECK(at(Isa::kAmx, Precision::kBf16));
+  CHECK_FALSE(at(Isa::kAmx, Precision::kFp32));
 }
 #endif
 

@@ -114,11 +114,11 @@ inline double error_in_bounds(const std::vector<float>& y, const Tensor& exact, 
   return worst;
 }
 
-/// How many levels this CPU runs for which every kernel is compiled, not the 8-bit products alone.
+/// How many levels this CPU runs for which every kernel is compiled, not products of words alone.
 inline int whole_levels() {
   const std::vector<Isa> levels = available_isas();
-  return static_cast<int>(std::count_if(
-      levels.begin(), levels.end(), [](Isa isa) { return isa != Isa::kAvxVnni && isa != Isa::kAvx512Vnni; }));
+  return static_cast<int>(std::ranges::count_if(
+      levels, [](Isa isa) { return isa != Isa::kAvxVnni && isa != Isa::kAvx512Vnni && isa != Isa::kAmx; }));
 }
 
 /// Checks every kernel of every level this CPU runs against the reference and its own stated bound, and that

@@ -52,6 +52,9 @@ TEST_CASE("features are those that the operating system lists") {
 TEST_CASE("levels run where their features are") {
   CHECK(runs_at(Isa::kAvx512Vnni, Isa::kAvx512Bf16));
   CHECK(runs_at(Isa::kAvx2, Isa::kAvxVnni));
+  CHECK(runs_at(Isa::kAvx512Bf16, Isa::kAmx));
+  CHECK(best_isa(features_of(Isa::kAmx).without(CpuFeature::kAmxTile)) == Isa::kAvx512Bf16);
+  CHECK(best_isa(features_of(Isa::kAmx).without(CpuFeature::kAvx512Bf16)) == Isa::kAvx512Vnni);
   CHECK_FALSE(runs_at(Isa::kAvxVnni, Isa::kAvx512));  // a level of its own, not one below
   CHECK_FALSE(runs_at(Isa::kAvx512, Isa::kAvxVnni));
   CHECK_FALSE(runs_at(Isa::kBaseline, Isa::kNeon) == runs_at(Isa::kAvx2, Isa::kNeon));

@@ -23,7 +23,7 @@ Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::in
           to_y ? g_.oplane() : routines_.columns,
           group * panels_ * routines_.rows,
           channel * g_.oplane() + t.first_row * columns_out_,
-          packed + (group * panels_ * depth_ + panels_ * k) * routines_.rows};
+          packed + (group * panels_ * filled(depth_) + panels_ * k) * routines_.rows};
 }
 
 /// A panel of weights times positions that fill at most one panel of columns. Shallow products
@@ -36,12 +36,27 @@ Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::in
   const std::int64_t row = block.row + first_row;
   const std::int64_t at = block.at + first_row * g_.oplane() + columns.first;
   const float* residual = block.to_y && call.arrays.residual != nullptr ? call.arrays.residual + at : nullptr;
-  routines_.multiply_words[static_cast<std::size_t>(precision_)](
-      {block.a + first_row * block.depth, columns.b, columns.offsets, block.depth,
-       std::min(rows, g_.group_oc - first_row), columns.count, block.first ? call.starts + row : nullptr,
-       sums, block.last, call.steps + row, call.biases + row, residual, residual_last_, epilogue_.low(),
-       epilogue_.high(), block.to_y ? call.arrays.y + at : sums, block.y_stride, ahead.x,
-       ahead.rows > 0 ? ahead.count : 0});
+  const auto multiply_words = routines_.multiply_words[static_cast<std::size_t>(precision_)];
+  multiply_words({.a = block.a + first_row * filled(block.depth),
+                  .b = columns.b,
+                  .offsets = columns.offsets,
+                  .depth = block.depth,
+                  .row_count = std::min(rows, g_.group_oc - first_row),
+                  .column_count = columns.count,
+                  .first = block.first,
+                  .last = block.last,
+                  .start = call.starts + row,
+                  .sums = sums,
+                  .step = call.steps + row,
+                  .bias = call.biases + row,
+                  .residual = residual,
+                  .residual_last = residual_last_,
+                  .low = epilogue_.low(),
+                  .high = epilogue_.high(),
+                  .y = block.to_y ? call.arrays.y + at : sums,
+                  .y_stride = block.y_stride,
+                  .ahead = ahead.x,
+                  .ahead_count = ahead.rows > 0 ? ahead.count : 0});
   if (block.last && !block.to_y) write_rows(call, t, panel, columns.first, columns.count, sums);
 }
 
@@ -110,8 +125,15 @@ void Conv2dDirect::run_streaming(const Call& call, const Task& t, float* memory)
   }
 }
 
-/// The gathered words k, ... of positions that fill at most one panel of columns.
+/// The gathered words k, ... of positions that fill at most one panel of columns, and zeros behind the depth.
 void Conv2dDirect::gather_panel(const Call& call, const Task& t, std::int64_t first, std::int64_t count,
+                                std::int64_t k, const float* planes, float* b) const {
+  gather_words(call, t, first, count, k, planes, b);
+  const std::int64_t depth = std::min(block_depth_, depth_ - k);
+  std::fill(b + depth * routines_.columns, b + filled(depth) * routines_.columns, 0.0F);
+}
+
+void Conv2dDirect::gather_words(const Call& call, const Task& t, std::int64_t first, std::int64_t count,
                                 std::int64_t k, const float* planes, float* b) const {
   std::array<WordRun, 64> runs;
   std::int64_t run_count = 0;
@@ -219,12 +241,18 @@ void Conv2dDirect::run(const Conv2dArrays& arrays, std::span<std::byte> scratch)
   float* const tasks = planes + shared_planes();
   const std::int64_t rest = static_cast<std::int64_t>(scratch.size() / sizeof(float)) - (tasks - memory);
   const std::int64_t slots = std::min<std::int64_t>(task_count(), rest / thread_size());
-  parallel_for(task_count(), slots, [&](std::int64_t i, std::int64_t slot) {
+  WorkRanges ranges(task_count(), slots);
+  parallel_for(std::min(task_count(), slots), [&](std::int64_t slot) {
     float* own = tasks + slot * thread_size();
-    if (streaming_)
-      run_streaming(call, task(i), own);
-    else
-      run_gathered(call, task(i), own);
+    routines_.begin_products();
+    for (WorkRanges::Range r = ranges.take(slot); r.first < r.last; r = ranges.take(slot))
+      for (std::int64_t i = r.first; i < r.last; ++i) {
+        if (streaming_)
+          run_streaming(call, task(i), own);
+        else
+          run_gathered(call, task(i), own);
+      }
+    routines_.end_products();
   });
   spoil(call);
 }

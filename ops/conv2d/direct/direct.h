@@ -27,7 +27,8 @@ namespace slide::ops {
 /// made first.
 ///
 /// An element of a plane is a 32-bit word: one float32, two bfloat16 (of two channels) or four 8-bit integers
-/// (of four channels), so that all precisions share the loops.
+/// (of four channels), so that all precisions share the loops. Tiles take many words of the depth at once,
+/// from gathered panels alone.
 ///
 /// The 3×3 convolution of an image upsampled by 2 is four convolutions 2×2 of the small image, one for each
 /// parity of row and column, their weights sums of the nine: 16 products where the definition has 36.
@@ -73,6 +74,7 @@ class Conv2dDirect {
   };
   void choose_tasks();
   void list_offsets();
+  [[nodiscard]] std::int64_t filled(std::int64_t depth) const noexcept;
   [[nodiscard]] std::int64_t strip_planes() const noexcept;
   [[nodiscard]] std::int64_t shared_planes() const noexcept;
   [[nodiscard]] std::int64_t rows_size() const noexcept;
@@ -110,6 +112,8 @@ class Conv2dDirect {
   void find_words(const Call& call, const Task& task, std::int64_t k, const float* planes, float* gathered,
                   Columns& columns) const;
   void gather_panel(const Call& call, const Task& task, std::int64_t first, std::int64_t count,
+                    std::int64_t k, const float* planes, float* b) const;
+  void gather_words(const Call& call, const Task& task, std::int64_t first, std::int64_t count,
                     std::int64_t k, const float* planes, float* b) const;
   void run_streaming(const Call& call, const Task& task, float* memory) const;
   [[nodiscard]] Block block(const Call& call, const Task& task, std::int64_t k) const noexcept;
@@ -161,6 +165,8 @@ class Conv2dDirectBf16 : public Conv2dDirect {
   /// Not where float32 is as fast and more exact: where Winograd's F(4) does a quarter of the
   /// multiplications, and where a single filter waits for its input.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  /// With tiles: nothing of float32 is as fast, but for a single filter.
+  [[nodiscard]] static bool fits_tiles(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 };
 
 class Conv2dDirectInt8 : public Conv2dDirect {

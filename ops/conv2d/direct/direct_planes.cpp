@@ -59,7 +59,7 @@ void Conv2dDirect::spoil(const Call& call) const {
 void Conv2dDirect::make_row_values(const Call& call) const {
   const auto* packed = static_cast<const float*>(static_cast<const void*>(call.arrays.packed));
   const std::int64_t count = variants_ * g_.groups * panels_ * routines_.rows;
-  const float* steps = packed + count * depth_;
+  const float* steps = packed + count * filled(depth_);
   for (std::int64_t i = 0; i < count; ++i) {
     const std::int64_t row = i % (panels_ * routines_.rows);
     const std::int64_t group = i / (panels_ * routines_.rows) % g_.groups;

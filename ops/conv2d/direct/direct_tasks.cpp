@@ -83,6 +83,10 @@ bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
          !Conv2dWinograd<4>::beats_lower(g, fusion);
 }
 
+bool Conv2dDirectBf16::fits_tiles(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
+  return possible(g, fusion) && g.group_ic >= 2 && !Conv2dFewFilters::beats_lower(g, fusion);
+}
+
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
                            const Conv2dFusion& fusion, Precision precision)
     : routines_(routines),
@@ -112,10 +116,12 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
                                          : aligned(columns_out_) * 4 <= columns_out_ * 5;
   const bool as_it_is =
       precision == Precision::kFp32 && !relu_input_ && reads_once(g_) && columns_out_ % kRowAlignment == 0;
-  streaming_ = panels_ <= kFewPanels && !upsampled_ && (in_place_ ? as_it_is : full_vectors);
+  const bool tiles = routines.tile_depth > 1;
+  block_depth_ = filled(block_depth_);
+  streaming_ = !tiles && panels_ <= kFewPanels && !upsampled_ && (in_place_ ? as_it_is : full_vectors);
   const std::int64_t idle = aligned(columns_out_) - columns_out_;
   const bool wide = 3 * columns_out_ >= 2 * routines_.columns && idle * panels_ <= columns_out_;
-  in_rows_ = streaming_ || (!in_place_ && wide);
+  in_rows_ = streaming_ || (!tiles && !in_place_ && wide);
   if (in_rows_ && precision == Precision::kInt8) block_depth_ = equal_part(depth_, kExactDepth);
   const bool far = g_.ic * g_.plane() >= kFarNumbers && g_.ic >= kFarChannels && panels_ >= kFetchingPanels;
   fetches_ = in_place_ && g_.stride_x == 1 && g_.stride_y == 1 && precision != Precision::kInt8 && far;
@@ -197,6 +203,11 @@ double Conv2dDirect::macs() const noexcept {
 
 std::int64_t Conv2dDirect::task_count() const noexcept {
   return g_.batch * g_.groups * variants_ * strips_ * tiles_ * row_tasks_;
+}
+
+/// The words that a depth takes where whole tiles are multiplied.
+std::int64_t Conv2dDirect::filled(std::int64_t depth) const noexcept {
+  return divide_up(depth, routines_.tile_depth) * routines_.tile_depth;
 }
 
 /// The words of a task's planes, and what whole vectors read behind them.

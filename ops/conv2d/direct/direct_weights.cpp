@@ -21,11 +21,13 @@ bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {
 
 }  // namespace
 
-/// Packed: for each variant and group the blocks of the depth, in each the panels, so that a task reads them
-/// in their order; for integers then the step and the sum of each row.
+/// Packed: for each variant and group the blocks of the depth, in each the panels
+/// (Conv2dRoutines::tile_depth), so that a task reads them in their order; for integers then the step and the
+/// sum of each row.
 std::size_t Conv2dDirect::packed_bytes() const noexcept {
   const std::int64_t rows = variants_ * g_.groups * panels_ * routines_.rows;
-  return static_cast<std::size_t>(rows * (depth_ + (precision_ == Precision::kInt8 ? 2 : 0))) * sizeof(float);
+  return static_cast<std::size_t>(rows * (filled(depth_) + (precision_ == Precision::kInt8 ? 2 : 0))) *
+         sizeof(float);
 }
 
 double Conv2dDirect::weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
@@ -84,13 +86,16 @@ void Conv2dDirect::pack_panel(const float* weight, std::int64_t panel, float* pa
     const bool as_it_is = precision_ == Precision::kFp32 && !upsampled_;  // most of what is ever packed
     std::int32_t sum = 0;
     for (std::int64_t block = 0; block < depth_; block += block_depth_) {
-      const std::int64_t depth = std::min(block_depth_, depth_ - block);
-      float* to = panels + (group * panels_ * depth_ + panels_ * block + panel * depth) * rows + m;
+      const std::int64_t depth = std::min(block_depth_, depth_ - block), whole = filled(depth);
+      const std::int64_t tile = routines_.tile_depth;
+      float* to =
+          panels + (group * panels_ * filled(depth_) + panels_ * block + panel * whole) * rows + m * tile;
       const float* from = weight + filter * depth_ + block;
       for (std::int64_t k = 0; as_it_is && k < depth; ++k) to[k * rows] = inside ? from[k] : 0.0F;
-      for (std::int64_t k = 0; !as_it_is && k < depth; ++k) {
-        const float word = inside ? pack_word(weight, filter, block + k, variant, step) : 0.0F;
-        std::memcpy(to + k * rows, &word, sizeof word);
+      for (std::int64_t k = 0; !as_it_is && k < whole; ++k) {
+        const bool exists = inside && k < depth;
+        const float word = exists ? pack_word(weight, filter, block + k, variant, step) : 0.0F;
+        std::memcpy(to + k / tile * tile * rows + k % tile, &word, sizeof word);
         for (unsigned lane = 0; lane < 4; ++lane)
           sum += static_cast<std::int8_t>(std::bit_cast<std::uint32_t>(word) >> 8 * lane & 0xFFU);
       }
@@ -102,7 +107,7 @@ void Conv2dDirect::pack_panel(const float* weight, std::int64_t panel, float* pa
 void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
   const std::int64_t all = variants_ * g_.groups * panels_;
   auto* panels = static_cast<float*>(static_cast<void*>(packed));
-  float* steps = panels + all * routines_.rows * depth_;
+  float* steps = panels + all * routines_.rows * filled(depth_);
   float* sums = steps + all * routines_.rows;
   parallel_for(all, [&](std::int64_t panel) {
     pack_panel(weight, panel, panels, steps + panel * routines_.rows, sums + panel * routines_.rows);
