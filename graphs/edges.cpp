@@ -22,6 +22,8 @@ constexpr int kSteepenPasses = 2;
 /// Ranges of disparity: below the first a slope, above the second a jump.
 constexpr double kSlope = 0.03;
 constexpr double kJump = 0.06;
+/// The largest part of a range that is put down to a slope.
+constexpr double kSteepestSlope = 0.06;
 
 /// Squared colour differences below this say nothing.
 constexpr double kColourNoise = 2e-3;
@@ -42,14 +44,16 @@ ops::PoolParams window(std::int64_t r) {
 
 Value negated(Value x) { return ops::affine(x, -1, 0); }
 
+/// The largest value within `radius` pixels along both axes, and the least.
+Value largest_around(Value x, std::int64_t radius) { return ops::max_pool2d(x, window(radius)); }
+Value least_around(Value x, std::int64_t radius) { return negated(largest_around(negated(x), radius)); }
+
 /// The extremes around each pixel, and how much of a jump lies between them.
 struct Surroundings {
   Value low, high, jump;
 
   Surroundings(Value d, std::int64_t radius)
-      : low(negated(ops::max_pool2d(negated(d), window(radius)))),
-        high(ops::max_pool2d(d, window(radius))),
-        jump(jump_of(ops::sub(high, low))) {}
+      : low(least_around(d, radius)), high(largest_around(d, radius)), jump(jump_of(beyond_slope(radius))) {}
 
   /// 1 where d is nearer to the high end.
   [[nodiscard]] Value above_middle(Value d) const {
@@ -59,6 +63,16 @@ struct Surroundings {
   [[nodiscard]] Value moved(Value d, Value to_high) const {
     const Value target = ops::add(low, ops::mul(to_high, ops::sub(high, low)));
     return ops::add(d, ops::mul(jump, ops::sub(target, d)));
+  }
+
+ private:
+  /// The range without what a slope has: a window three times as wide has three times the range of a slope,
+  /// and that of a jump.
+  [[nodiscard]] Value beyond_slope(std::int64_t radius) const {
+    const Value range = ops::sub(high, low);
+    const Value wide = ops::sub(largest_around(high, 2 * radius), least_around(low, 2 * radius));
+    const Value slope = ops::affine(ops::sub(wide, range), 0.5, 0);
+    return ops::sub(range, ops::clip(slope, 0, kSteepestSlope));
   }
 };
 

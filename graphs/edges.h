@@ -10,10 +10,11 @@ namespace slide::graphs {
 /// ramps of several pixels at a subject's outline; drawn from aside, they smear what should be cut. With W
 /// the longer side, three steps:
 ///   1. The median over 2·round(W/500) + 1 pixels takes away specks and the photo's texture.
-///   2. Twice: with lo and hi the extremes over 2·round(W/160) + 1 pixels, every pixel moves to the nearer of
+///   2. Twice: with lo and hi the extremes within r = round(W/160) pixels, every pixel moves to the nearer of
 ///      both (contrast enhancement; Kramer and Bruckner, "Iterations of a non-linear transformation for
-///      enhancement of digital images", 1975), by the part t = smoothstep((hi - lo - 0.03) / 0.03): a jump
-///      becomes steep, a smooth slope stays what it is.
+///      enhancement of digital images", 1975), by the part t = jump_of(hi - lo - slope): a jump becomes
+///      steep, a slope stays what it is. slope is half of what the range within 3r pixels has more, at most
+///      0.06: all of hi - lo where D is a plane, nothing beside a jump.
 ///   3. Over about 2·round(W/60) + 1 pixels (means are taken of cells) with extremes lo and hi, a pixel is
 ///   near where D > (lo + hi)/2; c_n and c_f are the mean colours of the near and of the far pixels, each
 ///   weighted with its t, v_n and v_f their variances, s the near ones' share of the weight. The pixel I
@@ -28,7 +29,7 @@ Value sharpen_edges(Value disparity, Value image);
 /// 3t² - 2t³, t = clip((x - from) / (to - from), 0, 1).
 Value smoothstep(Value x, double from, double to);
 
-/// How much of a jump a range of disparity is: 0 up to 0.03, a slope; 1 from 0.06 on.
+/// How much of a jump a range of disparity is: smoothstep() from 0.03, none, to 0.06.
 Value jump_of(Value range);
 
 /// The mean over 2·radius + 1 pixels and more, at any radius in constant time: of cells of about a quarter of

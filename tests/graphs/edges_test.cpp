@@ -77,6 +77,23 @@ TEST_CASE("a smooth slope stays what it is, whatever the photo shows") {
   }
 }
 
+TEST_CASE("a steep plane stays one, and a jump on it is told from it") {
+  // 0.05 over the widest window of 17 pixels, which without its slope would count as a jump. At 240 one of
+  // 0.2.
+  const auto plane = [](double x) { return 0.05 / 16 * std::clamp(x - 120, 0.0, 240.0); };
+  const auto texture = columns(3, [](double x) { return 0.5 + 0.5 * std::sin(x * x); });
+  const Tensor d = sharpened(columns(1, plane), texture);
+  const Tensor stepped = sharpened(columns(1, [&](double x) { return plane(x) + ramp(x, 239.5, 8) / 3; }),
+                                   columns(3, [](double x) { return x < 240 ? 0.2 : 0.7; }));
+  for (std::int64_t j = 145; j < 335; ++j) {
+    CAPTURE(j);
+    const auto at = static_cast<std::size_t>(kHeight / 2 * kWidth + j);
+    REQUIRE(d.data<float>()[at] == doctest::Approx(plane(static_cast<double>(j))).epsilon(1e-6));
+  }
+  const float* row = stepped.data<float>().data() + kHeight / 2 * kWidth;
+  CHECK(row[240] - row[239] > 0.18F);
+}
+
 TEST_CASE("no value leaves the range of its surroundings") {
   const Tensor d = sharpened(columns(1, [](double x) { return ramp(x, 100, 30) - ramp(x, 300, 3) + 0.2; }),
                              columns(3, [](double x) { return 0.5 + 0.5 * std::sin(x * x); }));
