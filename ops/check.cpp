@@ -157,6 +157,7 @@ void measure(const Kernel& kernel, const KernelTask& task, KernelCheck& check) {
   Tensor own = own_scale(kernel, task);
   if (!own.empty() && kernel.domain().reach == Reach::kImage) make_finite(own.mutable_data<double>());
   const std::span<const double> scale = (own.empty() ? task.scale : own).data<double>();
+  const std::span<const double> terms = task.scale.data<double>();
   const double u = kernel.unit_roundoff();
   const double flushed = std::max(check.factor, 1.0) * kSmallestNormal;
   const Outside outside(kernel, task);
@@ -173,7 +174,7 @@ void measure(const Kernel& kernel, const KernelTask& task, KernelCheck& check) {
     worst = std::max(worst, error);
     const double units = ratio(error, check.factor * u * scale[i] + flushed);
     check.of_bound = std::max(check.of_bound, std::isnan(units) ? kInfinity : units);
-    squares.add(error, should, scale[i]);
+    squares.add(error, should, terms[i]);
   }
   check.error_reference = ratio(worst, largest_finite(y64));
   if (squares.result > 0) {

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "ops/attention/attention_op.h"
+#include "ops/attention/softmax_scale.h"
 #include "ops/common/elements.h"
 
 namespace slide::ops {
@@ -96,23 +97,13 @@ void AttentionOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   });
 }
 
-/// Rounding a score by u·a_j, a_j = |scale|·sum |q·k_j|, and its distance d_j to the largest score by u·d_j
-/// changes its exponential by the factor 1 + u·(a_j + d_j), in the numerator and in every term of the sum:
-/// sum over j of p_j·|v_j|·(1 + a_j + d_j + sum over l of p_l·(a_l + d_l)).
+/// softmax_error_weights() of a_j = |scale|·sum |q·k_j|, times |v_j|.
 void AttentionOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
   const AttentionExtents e = extents({{inputs[0].shape(), inputs[1].shape(), inputs[2].shape()}});
   double* out = f64(scale);
   for_queries(e, inputs, [&](const Head& head, std::int64_t i) {
-    const std::vector<double> s = scores(e, head, i, scale_, itself);
-    std::vector<double> weight = scores(e, head, i, std::fabs(scale_), magnitude);
-    const std::vector<double> p = softmax_of(s);
-    const double largest = *std::ranges::max_element(s);
-    double mean = 1;
-    for (std::size_t j = 0; j < p.size(); ++j) {
-      weight[j] = p[j] > 0 ? p[j] * (weight[j] + largest - s[j]) : 0;
-      mean += weight[j];
-    }
-    for (std::size_t j = 0; j < p.size(); ++j) weight[j] += p[j] * mean;
+    const std::vector<double> weight = softmax_error_weights(
+        scores(e, head, i, scale_, itself), scores(e, head, i, std::fabs(scale_), magnitude));
     for (std::int64_t c = 0; c < e.value_depth; ++c) {
       double sum = 0;
       for (std::int64_t j = 0; j < e.keys; ++j)

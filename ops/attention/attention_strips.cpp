@@ -168,7 +168,7 @@ double AttentionStrips::error_factor() const noexcept {
   const double score = pixels_.error_factor() + sums + 2 + 2 * (taps + 1) + 2;
   const double sum = static_cast<double>(kSumBlock) + std::log2(width) +
                      std::ceil(n / width / static_cast<double>(kSumBlock)) + 1;
-  const double weight = 2 * std::log(n) + 4 + sum + 3;
+  const double weight = 4 + sum + 3;
   return 1.1 * std::max(score + 3, weight + 3 + mixture_.error_factor());
 }
 

@@ -31,12 +31,10 @@ class AttentionStrips {
 
   [[nodiscard]] std::size_t scratch_bytes() const noexcept;
   /// With c_s the roundings that a score's products meet (matrix product, sums along columns and rows, norm,
-  /// twice fusing, softmax_scale) the scores are off by c_s·u·E. Each weight then is off, relatively and in
-  /// first order, by softmax_scale·(E + mean E) times c_s·u, by u times its exponent, which is at most
-  /// softmax_scale·(E + mean E) + ln n (the largest score lies within ln n of the mean under the softmax), by
-  /// 2u of exp, and by the roundings of the sum and the division. The mixture adds those of four weights and
-  /// its matrix product's. 1.1 stands for what is not of first order while c_s·u·softmax_scale·E is below
-  /// 0.1.
+  /// twice fusing, softmax_scale) the scores are off by c_s·u·E, and their exponents by u more: what that
+  /// does to the weights is in the error scale. Relative to a weight are 2u of exp and the roundings of the
+  /// sum and the division. The mixture adds those of four weights and its matrix product's. 1.1 stands for
+  /// what is of second order.
   [[nodiscard]] double error_factor() const noexcept;
   /// Of the two products and of fusing, if every strip is made once.
   [[nodiscard]] double macs() const noexcept;

@@ -3,6 +3,7 @@
 #include <vector>
 
 #include "ops/attention/contextual_attention_op.h"
+#include "ops/attention/softmax_scale.h"
 #include "ops/conv2d/conv2d_op.h"
 #include "runtime/threads.h"
 
@@ -181,13 +182,11 @@ std::vector<double> magnitudes(std::span<const double> x) {
   return out;
 }
 
-/// The softmax's result before the mask; its rows are to be multiplied by m.
-Matrix attention_weights(const Reference& r, std::span<const Tensor> inputs, const std::vector<double>& m) {
+/// Before the softmax.
+Matrix fused_scores(const Reference& r, std::span<const Tensor> inputs) {
   const Patches foreground = r.reduced_patches(inputs[0].data<double>().data());
   const Patches background = r.reduced_patches(inputs[1].data<double>().data());
-  Matrix s = r.fused_twice(r.scores(background, foreground, norms_of(background, r.n)));
-  r.softmax(s, m);
-  return s;
+  return r.fused_twice(r.scores(background, foreground, norms_of(background, r.n)));
 }
 
 void multiply_rows(Matrix& s, const std::vector<double>& m) {
@@ -200,29 +199,33 @@ void multiply_rows(Matrix& s, const std::vector<double>& m) {
 void ContextualAttentionOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   const Reference r = make_reference(attention_geometry(shapes_of(inputs), params_), inputs);
   const std::vector<double> m = r.usable(inputs[2].data<double>().data());
-  Matrix weights = attention_weights(r, inputs, m);
+  Matrix weights = fused_scores(r, inputs);
+  r.softmax(weights, m);
   multiply_rows(weights, m);
   r.paste(weights, inputs[1].data<double>().data(), output.mutable_data<double>().data());
 }
 
+/// softmax_error_weights() of a = softmax_scale · m · E, the scores of magnitudes, and the mixture of
+/// |background| by them.
 void ContextualAttentionOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/,
                                         Tensor& scale) const {
   Reference r = make_reference(attention_geometry(shapes_of(inputs), params_), inputs);
   const auto n = static_cast<std::size_t>(r.n);
   const std::vector<double> m = r.usable(inputs[2].data<double>().data());
-  Matrix weights = attention_weights(r, inputs, m);
+  Matrix weights = fused_scores(r, inputs);
   const Patches foreground = r.reduced_patches(inputs[0].data<double>().data());
   const Patches background = r.reduced_patches(inputs[1].data<double>().data());
   r.fuse_weight = magnitudes(r.fuse_weight);
-  Matrix e =
+  const Matrix e =
       r.fused_twice(r.scores(magnitudes(background), magnitudes(foreground), norms_of(background, r.n)));
-  multiply_rows(e, m);
-  const double steepness = std::fabs(r.g.softmax_scale);
   for (std::size_t p = 0; p < n; ++p) {
-    double mean = 0;
-    for (std::size_t l = 0; l < n; ++l) mean += weights[l * n + p] * e[l * n + p];
-    for (std::size_t l = 0; l < n; ++l)
-      weights[l * n + p] = (weights[l * n + p] + 0x1p-102) * (1 + steepness * (e[l * n + p] + mean));
+    std::vector<double> scores(n), sizes(n);
+    for (std::size_t l = 0; l < n; ++l) {
+      scores[l] = r.g.softmax_scale * m[l] * weights[l * n + p];
+      sizes[l] = std::fabs(r.g.softmax_scale) * m[l] * e[l * n + p];
+    }
+    const std::vector<double> column = softmax_error_weights(scores, sizes);
+    for (std::size_t l = 0; l < n; ++l) weights[l * n + p] = column[l] + 0x1p-102;
   }
   multiply_rows(weights, m);
   const std::vector<double> absolute = magnitudes(inputs[1].data<double>());

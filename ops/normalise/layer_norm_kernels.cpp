@@ -20,13 +20,16 @@ typedef double Doubles __attribute__((vector_size(kWidth * 8)));
 struct Line {
   float mean, inverse, rest;
   double exact_mean, exact_inverse;
-  bool wide;  ///< float32 does not hold the scale, or a difference could overflow: all in float64
+  bool wide;  ///< float32 does not hold the scale, or a difference could overflow or be denormal: all in
+              ///< float64
 };
 
 Line line_of(double mean, double squares, std::int64_t count, double eps) {
   const double inverse = 1 / __builtin_sqrt(squares / static_cast<double>(count) + eps);
   const auto near = static_cast<float>(mean);
-  const bool holds = __builtin_fabs(mean) < 0x1p102 && inverse >= 0x1p-100 && inverse < 0x1p100;
+  const double far = __builtin_fabs(mean);
+  const bool holds =
+      far < 0x1p102 && (far >= 0x1p-102 || far == 0) && inverse >= 0x1p-100 && inverse < 0x1p100;
   return {near,
           static_cast<float>(inverse),
           static_cast<float>((static_cast<double>(near) - mean) * inverse),

@@ -44,11 +44,13 @@ struct Standardised {
   double mean, scale, shift;
   float least = -std::numeric_limits<float>::infinity();
 
-  /// Whether float32 holds the scale with all its bits and x - mean for any x. Not so for NaN.
+  /// Whether float32 holds the scale with all its bits and x - mean for any x: a mean below 2^-102 could make
+  /// a difference denormal, which counts as zero. Not so for NaN.
   [[nodiscard]] bool fits_float() const {
     const double size = std::fabs(scale);
-    return std::fabs(mean) < 0x1p102 && (size == 0 || (size >= 0x1p-126 && size < 0x1p127)) &&
-           std::fabs(shift) < 0x1p127;
+    const double far = std::fabs(mean);
+    return far < 0x1p102 && (far >= 0x1p-102 || far == 0 || size <= 1) &&
+           (size == 0 || (size >= 0x1p-126 && size < 0x1p127)) && std::fabs(shift) < 0x1p127;
   }
   void finish_wide(const float* x, const float* residual, float* y, std::int64_t count) const {
     for (std::int64_t i = 0; i < count; ++i) {
