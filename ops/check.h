@@ -64,6 +64,10 @@ struct KernelCheck {
   [[nodiscard]] bool unexpected() const noexcept {
     return expected_rms > 0 && rms > kRmsFactor * expected_rms;
   }
+  /// Whether little is left of the result, be it within the bound or not: its terms cancel farther than the
+  /// kernel's precision reaches.
+  [[nodiscard]] bool result_lost() const noexcept { return rms > kLost; }
+  static constexpr double kLost = 0.1;
   /// What is wrong, in a few words; empty if passed().
   [[nodiscard]] std::string verdict() const;
 };

@@ -38,6 +38,15 @@ std::string of_expected(const KernelCheck& k) {
   return k.expected_rms > 0 ? fixed(k.rms / k.expected_rms) : "-";
 }
 
+/// What there is to say of a kernel that passed.
+std::string remark(const KernelCheck& k) {
+  std::string text;
+  if (k.outside != 0)
+    text += ", " + counted(static_cast<std::size_t>(k.outside), "element") + " outside its domain";
+  if (k.result_lost()) text += ", but terms cancel until nothing of the result is left";
+  return text;
+}
+
 void add_rows(TextTable& table, const CheckedFile& file) {
   const CaseCheck& c = *file.check;
   table.heading(file.file + ": " + c.op + (c.attributes == "{}" ? "" : " " + c.attributes) + " gives " +
@@ -46,12 +55,7 @@ void add_rows(TextTable& table, const CheckedFile& file) {
              c.reference_passed() ? "ok" : "FAILED: not the expected output"});
   for (const KernelCheck& k : c.kernels)
     table.row({"  " + k.kernel, scientific(k.error_expected), scientific(k.error_reference),
-               fixed(k.of_bound), of_expected(k),
-               k.passed()
-                   ? (k.outside == 0 ? "ok"
-                                     : "ok, " + counted(static_cast<std::size_t>(k.outside), "element") +
-                                           " outside its domain")
-                   : "FAILED: " + k.verdict()});
+               fixed(k.of_bound), of_expected(k), k.passed() ? "ok" + remark(k) : "FAILED: " + k.verdict()});
   if (c.kernels.empty())
     table.row({"  no kernel", "", "", "", "", "FAILED: no kernel of this level can do the call"});
 }

@@ -49,7 +49,8 @@ class GroupNormOp : public Op {
   /// The sums of a group.
   [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
                                          const Shape& /*output*/) const override {
-    return 16 + static_cast<double>(inputs[0].count() / inputs[0][0] / groups_);
+    const std::int64_t count = inputs[0].count() / inputs[0][0] / groups_;
+    return 16 + static_cast<double>(count);
   }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
@@ -98,7 +99,8 @@ class WeightStandardiseOp : public Op {
   /// The sums of a filter.
   [[nodiscard]] double definition_factor(std::span<const Shape> inputs,
                                          const Shape& /*output*/) const override {
-    return 16 + static_cast<double>(inputs[0].count() / inputs[0][0]);
+    const std::int64_t count = inputs[0].count() / inputs[0][0];
+    return 16 + static_cast<double>(count);
   }
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 

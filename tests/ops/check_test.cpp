@@ -294,3 +294,24 @@ TEST_CASE("the table has a line for each kernel and the JSON the same numbers") 
   CHECK(json["cases"][0]["kernels"].size() == kernels);
   CHECK(json["cases"][1]["exit_code"] == 3);
 }
+
+TEST_CASE("the table says where terms cancel until nothing of the result is left") {
+  // Neighbours' differences on 10^4: bfloat16 has 8 bits, so that 10^4 and 10^4 + 1 are the same.
+  ops::OperatorCase c;
+  c.op = "conv2d";
+  c.attributes = "{}";
+  std::vector<double> x(16 * 6, 1e4);
+  for (std::size_t i = 0; i < x.size(); i += 2) x[i] += 1;
+  std::vector<double> weight(16 * 2, 1.0 / 16);
+  for (std::size_t i = 1; i < weight.size(); i += 2) weight[i] = -1.0 / 16;
+  c.inputs = {{"x", Tensor::from<double>({1, 16, 1, 6}, std::span<const double>(x))},
+              {"weight", Tensor::from<double>({1, 16, 1, 2}, std::span<const double>(weight))}};
+  c.expected = Tensor::from<double>({1, 1, 1, 5}, std::vector<double>{1, -1, 1, -1, 1});
+  const ops::CheckedFile file{"differences.safetensors", ops::check_case(c, Isa::kBaseline), "", {}};
+  CHECK(file.check->passed());
+  for (const KernelCheck& k : file.check->kernels)
+    CHECK(k.result_lost() ==
+          (k.kernel.find("bf16") != std::string::npos || k.kernel.find("int8") != std::string::npos));
+  const std::string table = ops::table_of({file});
+  CHECK(table.find("ok, but terms cancel until nothing of the result is left") != std::string::npos);
+}
