@@ -66,9 +66,21 @@ SLIDE_INLINE void write_row(WordProduct row, const float* sums) {
   }
 }
 
+/// What the last block will read or write behind its sums comes closer while they are made.
+SLIDE_INLINE void fetch_rows(const WordProduct& p) {
+  for (std::int64_t m = 0; m < p.row_count; ++m)
+    for (std::int64_t j = 0; j < p.column_count; j += kTileWords) {
+      if (p.residual != nullptr)
+        __builtin_prefetch(p.residual + m * p.y_stride + j);
+      else
+        __builtin_prefetch(p.y + m * p.y_stride + j, 1);
+    }
+}
+
 template <typename P>
 void multiply_words_by_tiles(const WordProduct& p) {
   for (std::int64_t j = 0; j < p.ahead_count; j += kRowAlignment) __builtin_prefetch(p.ahead + j, 0, 2);
+  if (p.last) fetch_rows(p);
   if (p.column_count > 2 * kTileWords)
     multiply_tiles<P, 3>(p);
   else if (p.column_count > kTileWords)

@@ -156,41 +156,52 @@ class Conv2dDirect {
   std::vector<std::int8_t> phase_is_read_;
 };
 
+/// A direct convolution in a lower precision. An image that is upsampled bilinearly is so first, into memory
+/// of its own, and joined channels are copied behind it: the roundings of that are small beside those of
+/// words.
+class Conv2dDirectLow : public Conv2dDirect {
+ public:
+  Conv2dDirectLow(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion,
+                  Precision precision);
+  [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
+  [[nodiscard]] double error_factor() const noexcept;
+  [[nodiscard]] std::size_t scratch_bytes() const noexcept;
+  void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
+
+ private:
+  Precision precision_;
+  Nchw image_;  // before it is upsampled; of no planes if it is not
+  std::int64_t joined_;
+  const ResizeRoutines& resize_;
+};
+
 /// The methods of lower precision, as conv2d_method.h has them.
-class Conv2dDirectBf16 : public Conv2dDirect {
+class Conv2dDirectBf16 : public Conv2dDirectLow {
  public:
   static constexpr Precision kPrecision = Precision::kBf16;
   Conv2dDirectBf16(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
-      : Conv2dDirect(routines, geometry, fusion, Precision::kBf16) {}
+      : Conv2dDirectLow(routines, geometry, fusion, Precision::kBf16) {}
   /// Not where float32 is as fast and more exact: where Winograd's F(4) does a quarter of the
-  /// multiplications, and where a single filter waits for its input.
+  /// multiplications, and where a single filter waits for its input; nor behind bilinear upsampling, where
+  /// Winograd's is faster.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
-  /// With tiles: nothing of float32 is as fast, but for a single filter.
+  /// With tiles: nothing else is as fast, but float32 for a single filter.
   [[nodiscard]] static bool fits_tiles(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
 };
 
-class Conv2dDirectInt8 : public Conv2dDirect {
+class Conv2dDirectInt8 : public Conv2dDirectLow {
  public:
   static constexpr Precision kPrecision = Precision::kInt8;
-  Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
-                   const Conv2dFusion& fusion);
+  Conv2dDirectInt8(const Conv2dRoutines& routines, const Conv2dGeometry& geometry, const Conv2dFusion& fusion)
+      : Conv2dDirectLow(routines, geometry, fusion, Precision::kInt8) {}
   /// Not the first layers, whose words would be half empty and whose errors all others inherit, nor a
   /// single filter.
   [[nodiscard]] static bool fits(const Conv2dGeometry& geometry, const Conv2dFusion& fusion) noexcept;
-  [[nodiscard]] std::size_t scratch_bytes() const noexcept;
-  void run(const Conv2dArrays& arrays, std::span<std::byte> scratch) const;
   /// What quantisation may do to the sums, with the range measured:
   ///   (|x| + step_x / 2) ∗ (|w| + step_w / 2) - |x| ∗ |w|, and float32 roundings.
   /// x: what the range was measured of, before it was upsampled bilinearly.
   static void error_scale(const Conv2dGeometry& g, std::span<const Tensor> inputs, const Tensor& x,
                           std::span<double> scale);
-
- private:
-  // An image that is upsampled bilinearly is so first, into memory of its own, and joined channels are copied
-  // behind it. The roundings of that are a tenth of a thousandth of the quantisation's.
-  Nchw image_;  // before; of no planes if it is not
-  std::int64_t joined_;
-  const ResizeRoutines& resize_;
 };
 
 }  // namespace slide::ops

@@ -17,6 +17,7 @@ constexpr std::int64_t kTaskPositions = 96;  // the weights are read once for th
 // Words of kTaskPositions: most of the first-level cache, which is larger where AVX-512 is. Deeper blocks
 // round more often.
 constexpr std::int64_t kGatheredDepth = 64, kSmallGatheredDepth = 32;
+constexpr std::int64_t kTileDepth = 96;        // with tiles, whose sums round less
 constexpr std::int64_t kExactDepth = 320;      // of integers in rows: rows of that many words, too
 constexpr std::int64_t kStreamedDepth = 160;   // at most, where a sum in order has that many roundings
 constexpr std::int64_t kFewPanels = 2;         // gathering costs as much as half of one
@@ -84,7 +85,7 @@ bool Conv2dDirectBf16::fits(const Conv2dGeometry& g, const Conv2dFusion& fusion)
 }
 
 bool Conv2dDirectBf16::fits_tiles(const Conv2dGeometry& g, const Conv2dFusion& fusion) noexcept {
-  return possible(g, fusion) && g.group_ic >= 2 && !Conv2dFewFilters::beats_lower(g, fusion);
+  return Conv2dDirectLow::fits(g, fusion) && g.group_ic >= 2 && !Conv2dFewFilters::beats_lower(g, fusion);
 }
 
 Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry& geometry,
@@ -117,7 +118,7 @@ Conv2dDirect::Conv2dDirect(const Conv2dRoutines& routines, const Conv2dGeometry&
   const bool as_it_is =
       precision == Precision::kFp32 && !relu_input_ && reads_once(g_) && columns_out_ % kRowAlignment == 0;
   const bool tiles = routines.tile_depth > 1;
-  block_depth_ = filled(block_depth_);
+  if (tiles) block_depth_ = filled(equal_part(depth_, kTileDepth));
   streaming_ = !tiles && panels_ <= kFewPanels && !upsampled_ && (in_place_ ? as_it_is : full_vectors);
   const std::int64_t idle = aligned(columns_out_) - columns_out_;
   const bool wide = 3 * columns_out_ >= 2 * routines_.columns && idle * panels_ <= columns_out_;
