@@ -24,8 +24,8 @@ bool usable(const Kernel& kernel, const Node& node, std::span<const Shape> input
   return runs_at(kernel.isa(), isa) && kernel.supports(*node.op, inputs, node.shape);
 }
 
-/// The first kernel of the highest level, of `precision` or one that replaces it, if there is any; else of
-/// float32. `only`: nothing is replaced.
+/// The first kernel of the highest level, of `precision` or one that replaces it, if there is any; else, or
+/// if that is predicted to be faster, of float32. `only`: nothing is replaced, be it faster.
 const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa isa, Precision precision,
                             bool only = false) {
   const Kernel* best = nullptr;
@@ -45,6 +45,10 @@ const Kernel& choose_kernel(const Node& node, std::span<const Shape> inputs, Isa
     throw Error(ErrorKind::kInternal, "layer " + node.name + ": no kernel of " +
                                           std::string(node.op->type()) + " for the level " +
                                           std::string(name_of(isa)));
+  if (best->precision() != Precision::kFp32 && !only) {
+    const Kernel& exact = choose_kernel(node, inputs, isa, Precision::kFp32);
+    if (exact.cost(*node.op, inputs, node.shape) < best->cost(*node.op, inputs, node.shape)) return exact;
+  }
   return *best;
 }
 

@@ -55,13 +55,13 @@ struct PlanOptions {
 /// Plans a graph. Reads no weights.
 ///
 /// Without a budget each node gets the first kernel of the highest level not above `isa` that supports the
-/// shapes and computes in `precision`, or replaces such a one (Kernel::replaces_lower()), else in float32. Of
-/// those below float32 the ones with the largest errors by the calibration are computed in a higher
-/// precision, 8-bit integers in bfloat16 if that halves the square of the error, until all together are
-/// expected to stay within kInt8Error or kBf16Error; what it does not know is float32. Without calibration
-/// 8-bit integers leave the network's ends (network_ends()). With a budget each node gets one of the kernels
-/// of `precision` and of all higher ones, so that the predicted error stays within the budget and the
-/// predicted time is small (choose_within()).
+/// shapes and computes in `precision`, or replaces such a one (Kernel::replaces_lower()), else, or where that
+/// is predicted to be faster, in float32. Of those below float32 the ones with the largest errors by the
+/// calibration are computed in a higher precision, 8-bit integers in bfloat16 if that halves the square of
+/// the error, until all together are expected to stay within kInt8Error or kBf16Error; what it does not know
+/// is float32. Without calibration 8-bit integers leave the network's ends (network_ends()). With a budget
+/// each node gets one of the kernels of `precision` and of all higher ones, so that the predicted error stays
+/// within the budget and the predicted time is small (choose_within()).
 ///
 /// Throws Error(kInternal) if an operator has no kernel for a node, Error(kUsage) if the most exact kernels
 /// are predicted to be over the budget.

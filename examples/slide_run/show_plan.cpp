@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "examples/slide_run/report.h"
+#include "ops/conv2d/conv2d_expectation.h"
 #include "runtime/text_table.h"
 
 namespace slide::run {
@@ -80,6 +81,7 @@ std::string summary_of(const graphs::PlannedStage& stage) {
 
 void print_plan(int height, int width, const graphs::SlideModels& models, const graphs::SlideInput& known,
                 const graphs::SlideOptions& options) {
+  std::printf("costs of convolutions: %s\n", std::string(ops::conv2d_costs().measured).c_str());
   std::size_t peak = 0;
   for (const graphs::PlannedStage& stage : graphs::plan_layers(height, width, models, known, options)) {
     std::printf("%s%s\n", summary_of(stage).c_str(), table_of(stage).c_str());

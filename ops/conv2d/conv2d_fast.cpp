@@ -139,7 +139,7 @@ class Conv2dKernel : public Kernel {
     const double filled = std::is_same_v<Method, Conv2dDepthwise> || g.groups == 1
                               ? 1
                               : std::min(1.0, static_cast<double>(g.group_oc) / rows);
-    return macs(op, inputs, output) / (expectation_.speed_at(isa()) * filled);
+    return macs(op, inputs, output) / (conv2d_speed(conv2d_costs(), name_, isa()) * filled);
   }
   void run(const Op& op, std::span<const Tensor> inputs, Tensor& output,
            const KernelCall& call) const override {
