@@ -82,7 +82,8 @@ Value attention(Value x, std::int64_t heads, std::string_view gamma) {
     const auto scope = g.scope("attn");
     const Value qkv = linear(x, "qkv", 3 * channels);
     const auto part = [&](std::int64_t i) { return ops::slice(qkv, 1, i * channels, (i + 1) * channels); };
-    const double scale = 1 / std::sqrt(static_cast<double>(channels / heads));
+    const std::int64_t channels_each = channels / heads;
+    const double scale = 1 / std::sqrt(static_cast<double>(channels_each));
     return ops::attention(part(0), part(1), part(2), heads, scale);
   };
   return scaled_linear(heads_attend(), "attn.proj", channels, gamma);

@@ -29,7 +29,9 @@ bool is_covered(const Camera& camera, const View& view, double depth, glm::dvec2
 double coverage(const Camera& camera, const View& view, double depth) {
   int covered = 0;
   for (int i = 0; i < kSamples * kSamples; ++i) {
-    const glm::dvec2 part((i % kSamples + 0.5) / kSamples - 0.5, (i / kSamples + 0.5) / kSamples - 0.5);
+    const int column = i % kSamples;
+    const int row = i / kSamples;
+    const glm::dvec2 part((column + 0.5) / kSamples - 0.5, (row + 0.5) / kSamples - 0.5);
     covered += is_covered(camera, view, depth, part * glm::dvec2(camera.width, camera.height)) ? 1 : 0;
   }
   return static_cast<double>(covered) / (kSamples * kSamples);
