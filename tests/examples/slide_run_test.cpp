@@ -311,7 +311,7 @@ TEST_CASE("what SLIDE has not made is replaced only with --overwrite, what it ha
   calls.push_back({"-o", folder.file("b.y4m"), "--layers", folder.file("layers")});
   calls.push_back({"-o", folder.file("s.png"), "--stereo", "sbs"});
   const auto run = [&](std::vector<std::string> call, bool overwrite) {
-    call.insert(call.begin(), {scene.photo, "--depth", scene.depth, "-q"});
+    call.insert(call.begin(), {scene.photo, "--depth", scene.depth, "-q", "--inpaint-model", "fill"});
     if (overwrite) call.push_back("--overwrite");
     const ProgramResult result = slide_run(call);
     if (!overwrite && result.code == 2) CHECK(contains(result.errors, "--overwrite"));
@@ -320,6 +320,11 @@ TEST_CASE("what SLIDE has not made is replaced only with --overwrite, what it ha
   for (const auto& call : calls) {
     CAPTURE(call[1]);
     CHECK(run(call, false) == 2);
+  }
+  std::vector<std::string> all = {
+      "--frames", "3", "--layers", folder.file("layers"), "-o", folder.file("frames/")};
+  for (const std::string& name : outputs) all.insert(all.end(), {"-o", folder.file(name)});
+  for (const std::vector<std::string>& call : {all, calls.back()}) {
     CHECK(run(call, true) == 0);
     CHECK(run(call, false) == 0);
   }

@@ -6,6 +6,7 @@
 #include "graphs/golden.h"
 #include "runtime/error.h"
 #include "runtime/weights.h"
+#include "tests/quick.h"
 
 namespace slide::graphs {
 
@@ -14,8 +15,7 @@ inline Golden golden_file(const std::string& network) {
   return Golden::open(std::string(SLIDE_TEST_DATA) + "/networks/" + network + ".safetensors");
 }
 
-/// Whether slow tests are to be left out, as under sanitizers and emulators.
-inline bool quick() { return std::getenv("SLIDE_TEST_QUICK") != nullptr; }
+using test::quick;
 
 /// All weights that a graph asks a source for, in memory, so that several executors share them.
 inline WeightMap weights_in_memory(const Graph& graph, const WeightSource& source) {
