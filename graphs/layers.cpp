@@ -97,7 +97,7 @@ Value scaled_linear(Value tokens, std::string_view name, std::int64_t features, 
 Value conv_transpose2d(Value x, std::string_view name, std::int64_t filters, std::int64_t factor) {
   Graph& g = x.graph();
   const auto scope = g.scope(name);
-  const Shape& s = x.shape();
+  const Shape s = x.shape();  // a copy: the graph grows
   const Value weight = g.parameter("weight", {s[1], filters, factor, factor});
   const Value bias = g.parameter("bias", {filters});
   // y[f, i·factor + a, j·factor + b] = bias[f] + sum over c of weight[c, f, a, b] · x[c, i, j]

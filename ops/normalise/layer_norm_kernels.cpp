@@ -118,7 +118,8 @@ void column(const LayerNormLines& lines, const float* x, float* y, std::int64_t 
 }
 
 void columns(const LayerNormLines& lines, float* y, std::int64_t columns) {
-  for (std::int64_t j = 0; j < columns; j += kWidth) column(lines, lines.x + j, y + j, columns - j);
+  for (std::int64_t j = 0; j < columns; j += kWidth)
+    column(lines, lines.x + j, y + j, columns - j < kWidth ? columns - j : kWidth);
 }
 
 }  // namespace
