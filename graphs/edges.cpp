@@ -1,14 +1,9 @@
 #include "graphs/edges.h"
 
-#include <algorithm>
-#include <cmath>
-
+#include "graphs/neighbourhood.h"
 #include "ops/edges/median.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
-#include "ops/resize/resize.h"
-#include "runtime/shape.h"
 
 namespace slide::graphs {
 namespace {
@@ -33,20 +28,8 @@ constexpr double kStay = 0.1;
 /// Weight of a pixel that no jump is near: nothing is divided by zero.
 constexpr double kLeastWeight = 1e-9;
 
-std::int64_t radius_of(Value map, double part) {
-  const auto longer = static_cast<double>(std::max(map.shape()[2], map.shape()[3]));
-  return static_cast<std::int64_t>(std::round(part * longer));
-}
-
-ops::PoolParams window(std::int64_t r) {
-  return {.kernel = {2 * r + 1, 2 * r + 1}, .stride = {1, 1}, .padding = {r, r, r, r}};
-}
-
-Value negated(Value x) { return ops::affine(x, -1, 0); }
-
-/// The largest value within `radius` pixels along both axes, and the least.
-Value largest_around(Value x, std::int64_t radius) { return ops::max_pool2d(x, window(radius)); }
-Value least_around(Value x, std::int64_t radius) { return negated(largest_around(negated(x), radius)); }
+/// How much of a jump a range of disparity is.
+Value jump_of(Value range) { return smoothstep(range, kSlope, kJump); }
 
 /// The extremes around each pixel, and how much of a jump lies between them.
 struct Surroundings {
@@ -100,7 +83,7 @@ Value squared_distance(Value a, Value b) {
 
 /// Step 3.
 Value snap(Value d, Value image) {
-  const std::int64_t radius = radius_of(d, kSnapPart);
+  const std::int64_t radius = pixels_of(d, kSnapPart);
   const Surroundings around(d, radius);
   const Value near = around.above_middle(d);
   const Value squares = sum_of_planes(ops::mul(image, image));
@@ -115,35 +98,17 @@ Value snap(Value d, Value image) {
   const Value share = ops::div(front.share, ops::add(front.share, back.share));
   const Value place = ops::add(ops::affine(share, kPlace, -kPlace / 2), ops::affine(near, 2 * kStay, -kStay));
   const Value votes = ops::greater(ops::add(ops::div(closer_to_front, spread), place), 0);
-  const Value majority = ops::greater(ops::avg_pool2d(votes, window(radius_of(d, kMedianPart))), 0.5);
+  const Value majority = ops::greater(mean_around(votes, pixels_of(d, kMedianPart)), 0.5);
   return around.moved(d, majority);
 }
 
 }  // namespace
 
-Value smoothstep(Value x, double from, double to) {
-  const Value t = ops::clip(ops::affine(x, 1 / (to - from), -from / (to - from)), 0, 1);
-  return ops::mul(ops::mul(t, t), ops::affine(t, -2, 3));
-}
-
-Value jump_of(Value range) { return smoothstep(range, kSlope, kJump); }
-
-Value smooth_mean(Value x, std::int64_t radius) {
-  const std::int64_t cell = std::max<std::int64_t>(1, radius / 4);
-  const Value cells = ops::avg_pool2d(
-      x, {.kernel = {cell, cell}, .stride = {cell, cell}, .ceil_mode = true, .count_include_pad = false});
-  const Value mean = ops::avg_pool2d(cells, window(radius / cell));
-  const auto scale = static_cast<double>(cell);
-  return ops::resize(mean, {.mode = ops::ResizeMode::kLinear,
-                            .size = {x.shape()[2], x.shape()[3]},
-                            .scale = std::array<double, 2>{scale, scale}});
-}
-
 Value sharpen_edges(Value disparity, Value image) {
   const auto scope = disparity.graph().scope("edges");
-  Value d = ops::median(disparity, radius_of(disparity, kMedianPart));
+  Value d = ops::median(disparity, pixels_of(disparity, kMedianPart));
   for (int pass = 0; pass < kSteepenPasses; ++pass) {
-    const Surroundings around(d, radius_of(d, kSteepenPart));
+    const Surroundings around(d, pixels_of(d, kSteepenPart));
     d = around.moved(d, around.above_middle(d));
   }
   return ops::clip(snap(d, image), 0, 1);

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <cstdint>
-
 #include "runtime/graph.h"
 
 namespace slide::graphs {
@@ -12,9 +10,9 @@ namespace slide::graphs {
 ///   1. The median over 2·round(W/500) + 1 pixels takes away specks and the photo's texture.
 ///   2. Twice: with lo and hi the extremes within r = round(W/160) pixels, every pixel moves to the nearer of
 ///      both (contrast enhancement; Kramer and Bruckner, "Iterations of a non-linear transformation for
-///      enhancement of digital images", 1975), by the part t = jump_of(hi - lo - slope): a jump becomes
-///      steep, a slope stays what it is. slope is half of what the range within 3r pixels has more, at most
-///      0.06: all of hi - lo where D is a plane, nothing beside a jump.
+///      enhancement of digital images", 1975), by the part t = smoothstep(hi - lo - slope,
+///      0.03, 0.06): a jump becomes steep, a slope stays what it is. slope is half of what the range within
+///      3r pixels has more, at most 0.06: all of hi - lo where D is a plane, nothing beside a jump.
 ///   3. Over about 2·round(W/60) + 1 pixels (means are taken of cells) with extremes lo and hi, a pixel is
 ///   near where D > (lo + hi)/2; c_n and c_f are the mean colours of the near and of the far pixels, each
 ///   weighted with its t, v_n and v_f their variances, s the near ones' share of the weight. The pixel I
@@ -25,15 +23,5 @@ namespace slide::graphs {
 /// All values lie between the least and the largest D within W/60 and the windows of 1 and 2.
 /// @param disparity  1×1×H×W in [0, 1];  @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value sharpen_edges(Value disparity, Value image);
-
-/// 3t² - 2t³, t = clip((x - from) / (to - from), 0, 1).
-Value smoothstep(Value x, double from, double to);
-
-/// How much of a jump a range of disparity is: smoothstep() from 0.03, none, to 0.06.
-Value jump_of(Value range);
-
-/// The mean over 2·radius + 1 pixels and more, at any radius in constant time: of cells of about a quarter of
-/// the radius, over the cells of the window, enlarged bilinearly.
-Value smooth_mean(Value x, std::int64_t radius);
 
 }  // namespace slide::graphs

@@ -3,9 +3,9 @@
 #include <cmath>
 #include <string>
 
+#include "graphs/neighbourhood.h"
 #include "ops/layering/layering.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/pool/pool.h"
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/error.h"
 
@@ -19,13 +19,6 @@ void require_within(const char* name, double value, double largest) {
     throw Error(ErrorKind::kUsage,
                 std::string("the layering parameter ") + name + " is " + std::to_string(value),
                 "give a number from 0 to " + std::to_string(largest));
-}
-
-/// Max-pool of odd side k that keeps the size. Cells beyond the border never win, which is what replicating
-/// the border gives.
-Value dilate(Value x, std::int64_t k) {
-  const std::int64_t r = k / 2;
-  return ops::max_pool2d(x, {.kernel = {k, k}, .stride = {1, 1}, .padding = {r, r, r, r}});
 }
 
 /// relu(tanh(gamma · x))
@@ -56,7 +49,7 @@ Layering resolve(const LayeringParams& p) {
 }
 
 Value condition_disparity(Value disparity, const Layering& layering) {
-  return dilate(ops::gaussian_blur(disparity, layering.sigma), layering.maxpool);
+  return largest_around(ops::gaussian_blur(disparity, layering.sigma), layering.maxpool / 2);
 }
 
 Value visibility(Value conditioned, const Layering& layering) {
@@ -86,7 +79,7 @@ Value matte_disocclusion(Value disocclusion, const FollowedMatte& matte) {
   return ops::maximum(disocclusion, ops::mul(matte.part, see_through));
 }
 
-Value hole(Value disocclusion) { return dilate(ops::greater(disocclusion, kHoleThreshold), 3); }
+Value hole(Value disocclusion) { return largest_around(ops::greater(disocclusion, kHoleThreshold), 1); }
 
 LayeringMaps soft_layering(Value disparity, const Layering& layering,
                            const std::optional<FollowedMatte>& matte) {
@@ -98,7 +91,7 @@ LayeringMaps soft_layering(Value disparity, const Layering& layering,
   const Value s_hat = occlusion(covering, layering);
   Value a = visibility(d1, layering);
   if (matte && layering.parallax > 0) {
-    const FollowedMatte grown{matte->alpha, dilate(matte->part, layering.maxpool),
+    const FollowedMatte grown{matte->alpha, largest_around(matte->part, layering.maxpool / 2),
                               matte->opaque};  // as D1 is
     a = matte_visibility(a, grown);
     s = matte_disocclusion(s, grown);

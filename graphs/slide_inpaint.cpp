@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "graphs/layers.h"
+#include "graphs/neighbourhood.h"
 #include "ops/fill/fill.h"
 #include "ops/fill/mirror.h"
 #include "ops/layering/layering.h"
@@ -17,7 +18,7 @@ namespace {
 constexpr int kSweeps = 4;
 constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pixel is background
 constexpr double kRest = 1e-11;
-constexpr std::int64_t kWindow = 9;   // pixels: side of the window whose largest disparity is the cover's
+constexpr std::int64_t kReach = 4;    // pixels: within them the largest disparity is the cover's
 constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
 // Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
 constexpr double kFar = 0.1;
@@ -29,12 +30,6 @@ constexpr double kLow = 0.35;
 constexpr double kHigh = 0.85;
 constexpr std::int64_t kWidth = 16;  // features at half the size
 constexpr std::int64_t kMultiple = 8;
-
-/// The largest value of the window of that side around each pixel.
-Value largest_around(Value x, std::int64_t side) {
-  const std::int64_t pad = side / 2;
-  return ops::max_pool2d(x, {.kernel = {side, side}, .stride = {1, 1}, .padding = {pad, pad, pad, pad}});
-}
 
 Value layer(Value x, std::string_view name, const ConvLayer& convolution) {
   return tapped(name, ops::relu(conv2d(x, name, convolution)));
@@ -92,7 +87,7 @@ Value background_weight(Value disparity, Value hole) {
 }
 
 Value colour_weight(Value disparity, Value behind) {
-  const Value step = ops::clip(ops::sub(largest_around(disparity, kWindow), behind), kLeast, 1);
+  const Value step = ops::clip(ops::sub(largest_around(disparity, kReach), behind), kLeast, 1);
   const Value way = ops::div(ops::sub(disparity, behind), step);
   return ops::clip(ops::affine(way, -1 / (kNear - kFar), kNear / (kNear - kFar)), kRest, 1);
 }

@@ -13,6 +13,7 @@
 #include "graphs/midas_io.h"
 #include "graphs/midas_v21.h"
 #include "graphs/midas_v21_small.h"
+#include "graphs/neighbourhood.h"
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
@@ -21,7 +22,6 @@
 #include "ops/layering/distance_transform.h"
 #include "ops/normalise/normalise.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
 #include "ops/resize/resize.h"
 #include "ops/tensor_shape/tensor_shape.h"
@@ -108,11 +108,9 @@ Value slide_preprocess(Value sized) { return ops::affine(sized, 2, -1); }
 
 /// y, kept between the extremes of the 3×3 pixels of `coarse` around each place: a guided filter overshoots.
 Value within_neighbours(Value y, Value coarse) {
-  const ops::PoolParams window{.kernel = {3, 3}, .stride = {1, 1}, .padding = {1, 1, 1, 1}};
   const auto enlarged = [&](Value x) { return ops::resize_bilinear(x, y.shape()[2], y.shape()[3], false); };
-  const Value low = enlarged(ops::affine(ops::max_pool2d(ops::affine(coarse, -1, 0), window), -1, 0));
-  const Value high = enlarged(ops::max_pool2d(coarse, window));
-  return ops::minimum(ops::maximum(y, low), high);
+  return ops::minimum(ops::maximum(y, enlarged(least_around(coarse, 1))),
+                      enlarged(largest_around(coarse, 1)));
 }
 
 /// slide_depth's disparity, its edges brought onto the photo's: in [0, 1].

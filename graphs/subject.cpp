@@ -1,13 +1,9 @@
 #include "graphs/subject.h"
 
-#include <algorithm>
-#include <cmath>
-
-#include "graphs/edges.h"
+#include "graphs/neighbourhood.h"
 #include "ops/fill/fill.h"
 #include "ops/matting/foreground.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/pool/pool.h"
 #include "ops/tensor_shape/tensor_shape.h"
 
 namespace slide::graphs {
@@ -37,15 +33,6 @@ constexpr int kSweeps = 4;
 
 Value complement(Value x) { return ops::affine(x, -1, 1); }
 
-Value largest_around(Value x, std::int64_t radius) {
-  return ops::max_pool2d(x, {.kernel = {2 * radius + 1, 2 * radius + 1},
-                             .stride = {1, 1},
-                             .padding = {radius, radius, radius, radius}});
-}
-Value least_around(Value x, std::int64_t radius) {
-  return ops::affine(largest_around(ops::affine(x, -1, 0), radius), -1, 0);
-}
-
 /// a + part·(b - a)
 Value between(Value a, Value b, Value part) { return ops::add(a, ops::mul(part, ops::sub(b, a))); }
 
@@ -67,18 +54,16 @@ Value near_rim(Value matte, std::int64_t radius) {
 
 SubjectRim find_subject(Value image, Value disparity, Value matte) {
   const auto scope = image.graph().scope("subject");
-  const auto longer = static_cast<double>(std::max(matte.shape()[2], matte.shape()[3]));
-  const auto pixels = [&](double part) { return static_cast<std::int64_t>(std::round(part * longer)); };
-  const std::int64_t radius = pixels(kReachPart);
+  const std::int64_t radius = pixels_of(matte, kReachPart);
   const Value near = continued(disparity, ops::greater(matte, kSubject), radius);
-  const Value far = continued(disparity, ops::affine(ops::greater(matte, kAround), -1, 1), radius);
+  const Value far = continued(disparity, complement(ops::greater(matte, kAround)), radius);
   const Value gap = ops::sub(near, far);
   const Value before_middle = ops::greater(ops::sub(ops::affine(disparity, 2, 0), ops::add(near, far)), 0);
   const Value differs = ops::abs(ops::sub(before_middle, ops::greater(matte, 0.5)));
   const Value same = complement(smoothstep(smooth_mean(differs, radius), kSame, kDifferent));
   const Value e = ops::mul(near_rim(matte, radius), ops::mul(smoothstep(gap, kLevel, kStep), same));
 
-  const Value layer = largest_around(ops::greater(matte, kInSubject), pixels(kGapPart));
+  const Value layer = largest_around(ops::greater(matte, kInSubject), pixels_of(matte, kGapPart));
   const Value moves = ops::mul(e, layer);
   const Value nearer = ops::maximum(disparity, near), farther = ops::minimum(disparity, far);
   const auto jumping_at = [&](Value outline) {
