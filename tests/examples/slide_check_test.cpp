@@ -96,7 +96,7 @@ TEST_CASE("slide_check judge prints what its page shows") {
   const std::string path = kData + "/onnx_cases/test_basic_conv_with_padding.safetensors";
   const ops::OperatorCase c = ops::read_case(path);
   Tensor y = c.expected.clone();
-  for (std::int64_t row = 0; row < 5; ++row) y.mutable_data<float>()[row * 5 + 4] = 0;
+  for (std::size_t row = 0; row < 5; ++row) y.mutable_data<float>()[row * 5 + 4] = 0;
   write_safetensors(folder.file("y.safetensors"), {{"y", y}});
   const ProgramResult result = slide_check({"judge", path, "--actual", folder.file("y.safetensors")});
   CHECK(result.code == 1);

@@ -103,9 +103,9 @@ TEST_CASE("a matte that disparity does not share changes nothing") {
       {"a slope", [](double x, double) { return 0.5 * x / kW; }},
       {"the subject is behind", [](double x, double) { return x < 120 ? 1.0 : 0.0; }},
       {"an edge elsewhere", [](double x, double) { return x < 60 ? 0.0 : 1.0; }}};
-  for (const auto& [name, disparity] : disparities) {
-    CAPTURE(name);
-    const Found found(disparity, soft_edge);
+  for (const auto& disparity : disparities) {
+    CAPTURE(disparity.first);
+    const Found found(disparity.second, soft_edge);
     CHECK(max_abs(found.run->tensor("e")) == 0);
     CHECK(max_abs_difference(found.run->tensor("D'"), found.inputs.at("D")) == 0);
     CHECK(max_abs_difference(found.run->tensor("front"), found.inputs.at("I")) == 0);

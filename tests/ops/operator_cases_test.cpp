@@ -45,7 +45,9 @@ TEST_CASE("a NaN or an infinity in any input reaches what the definition says, a
             -std::numeric_limits<double>::infinity()}) {
         ops::OperatorCase c = ops::read_case(file);
         if (c.expected.count() > 4096) continue;  // convolutions: tests/ops/conv2d_test.cpp
-        for (auto& [name, tensor] : c.inputs) {
+        for (auto& input : c.inputs) {
+          const std::string& name = input.first;
+          Tensor& tensor = input.second;
           const Tensor sound = tensor;
           tensor = sound.to(DType::kF64).clone();
           tensor.mutable_data<double>()[static_cast<std::size_t>(tensor.count() * 2 / 3)] = bad;

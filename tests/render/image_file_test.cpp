@@ -317,11 +317,11 @@ TEST_CASE("The sizes of GIF and WebP are asked before their readers allocate") {
       {"lossless.webp", "RIFF\x20\x00\x00\x00WEBPVP8L\x10\x00\x00\x00\x2F\xFF\xFF\xFF\x0F"s},
       {"lossy.webp",
        "RIFF\x20\x00\x00\x00WEBPVP8 \x10\x00\x00\x00\x00\x00\x00\x9D\x01\x2A\xFF\x3F\xFF\x3F"s}};
-  for (const auto& [name, content] : files) {
+  for (const auto& file : files) {
+    const std::string name = file.first;
     CAPTURE(name);
-    write_bytes(folder.file(name), std::as_bytes(std::span(content)));
-    const int side =
-        std::string(name).starts_with("l") ? (std::string(name) == "lossy.webp" ? 16383 : 16384) : 32767;
+    write_bytes(folder.file(name), std::as_bytes(std::span(file.second)));
+    const int side = name.starts_with("l") ? (name == "lossy.webp" ? 16383 : 16384) : 32767;
     CHECK(contains(message_of([&] { static_cast<void>(slide::read_photo(folder.file(name))); }),
                    std::to_string(side) + " x " + std::to_string(side)));
   }
