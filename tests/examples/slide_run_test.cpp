@@ -240,18 +240,22 @@ TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the 
   CHECK(fp32["int8_layers"] == 0);
   CHECK(fp32["predicted_error"] < 1e-5);
   const nlohmann::json bf16 = depth_stage({"--precision", "bf16"});
-  CHECK(bf16["bf16_layers"] > 10);
-  CHECK(bf16["predicted_error"] > 1e-3);
   const nlohmann::json int8 = depth_stage({"--precision", "int8"});
-  CHECK(int8["int8_layers"] > 10);
-  CHECK(int8["predicted_error"] > bf16["predicted_error"]);
+  // Where lower precisions are emulated, they save nothing and no plan takes them.
+  const bool all_pay = runs_at(Isa::kAmx, active_isa());
+  if (all_pay || bf16["bf16_layers"] > 0) CHECK(bf16["predicted_error"] > 1e-3);
+  if (all_pay || int8["int8_layers"] > 0) CHECK(int8["predicted_error"] > bf16["predicted_error"]);
+  if (all_pay) {
+    CHECK(bf16["bf16_layers"] > 10);
+    CHECK(int8["int8_layers"] > 10);
+  }
   CHECK(depth_stage({"--precision", "auto"})["predicted_error"] <= 1e-2);
   CHECK(depth_stage({"--error-budget", "1e-3"})["predicted_error"] <= 1e-3);
 
   const ProgramResult plan = slide_run({scene.photo, "--precision", "int8", "--plan"});
   CHECK(plan.code == 0);
   CHECK(contains(plan.output, "predicted error"));
-  CHECK(contains(plan.output, "conv2d.direct_int8"));
+  CHECK(contains(plan.output, "conv2d.direct_int8") == (int8["int8_layers"] > 0));
   for (const std::vector<std::string>& wrong : {std::vector<std::string>{"--precision", "fp8"},
                                                 {"--error-budget", "0"},
                                                 {"--error-budget", "nan"},
