@@ -100,8 +100,9 @@ Layers hard_layers(const graphs::SlideLayers& made, const graphs::NetworkChoice&
   for (float& a : layers.foreground.alpha.data) a = a < 0.5F ? 0.0F : 1.0F;
   Graph g;
   const Shape map = made.hole.shape();
-  const graphs::Background b = graphs::inpaint_background(g.input("I", map.with(1, 3)), g.input("D1", map),
-                                                          g.input("S", map), g.input("H", map), inpaint);
+  const graphs::Background b =
+      graphs::inpaint_background(g.input("I", map.with(1, 3)), g.input("D1", map), g.input("S", map),
+                                 g.input("H", map), inpaint, {.margin = graphs::fill_margin(map)});
   g.output("I_bg", b.image);
   g.output("D_bg", b.disparity);
   const WeightMap none("no weights");

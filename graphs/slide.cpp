@@ -290,13 +290,13 @@ void split_layers(const std::optional<SubjectMaps>& subject, const SlideOptions&
 /// Whether the fill follows a matte: other networks see the hole alone.
 bool fills(const NetworkChoice& network) { return !network.chosen() || network.model == "slide_inpaint"; }
 
-Background background_graph(Graph& g, std::int64_t height, std::int64_t width, const NetworkChoice& network,
+/// @param map  the shape of the part of a photo, whose margin is `margin`
+Background background_graph(Graph& g, const Shape& map, std::int64_t margin, const NetworkChoice& network,
                             bool with_matte) {
-  const Shape map{1, 1, height, width};
-  std::optional<SubjectMatte> matte;
-  if (with_matte) matte = {g.input("clear", map), g.input("e", map)};
+  FillSources sources{.margin = margin};
+  if (with_matte) sources.matte = {g.input("clear", map), g.input("e", map)};
   const Background background = inpaint_background(g.input("I", map.with(1, 3)), g.input("D1", map),
-                                                   g.input("S", map), g.input("H", map), network, matte);
+                                                   g.input("S", map), g.input("H", map), network, sources);
   g.output("I_bg", background.image);
   g.output("D_bg", background.disparity);
   return background;
@@ -322,7 +322,7 @@ void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModel
   double done = 0;
   for (const Window& w : out.report.windows) {
     Stage stage(total.name, options);
-    background_graph(stage.graph(), w.height(), w.width(), models.inpaint, matte);
+    background_graph(stage.graph(), {1, 1, w.height(), w.width()}, fill_margin(shape), models.inpaint, matte);
     NamedTensors inputs = {{"I", cut(behind, w)},
                            {"D1", cut(out.conditioned, w)},
                            {"S", cut(out.disocclusion, w)},
@@ -401,7 +401,7 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   layering_graph(layering.graph(), map, resolve(options.layering), matte);
   stages.push_back(std::move(layering).plan());
   Stage inpainting("inpainting", options);
-  background_graph(inpainting.graph(), height, width, models.inpaint, matte && fills(models.inpaint));
+  background_graph(inpainting.graph(), map, fill_margin(map), models.inpaint, matte && fills(models.inpaint));
   stages.push_back(std::move(inpainting).plan(models.inpaint));
   return stages;
 }
@@ -415,17 +415,17 @@ SlideGraph slide_graph(Value image, const SlideModels& models, const Layering& l
   }();
   std::optional<SubjectRim> rim;
   std::optional<FollowedMatte> followed;
-  std::optional<SubjectMatte> subject;
+  FillSources sources{.margin = fill_margin(image.shape())};
   if (matte) {
     rim = find_subject(image, disparity, *matte);
     followed = {*matte, rim->moves, rim->opaque};
-    if (fills(models.inpaint)) subject = {rim->clear, rim->agreement};
+    if (fills(models.inpaint)) sources.matte = {rim->clear, rim->agreement};
   }
   const Value d = rim ? rim->disparity : disparity;
   const LayeringMaps maps = soft_layering(d, layering, followed);
   const auto scope = g.scope("inpaint");
   const Background background = inpaint_background(rim ? rim->behind : image, maps.disparity,
-                                                   maps.disocclusion, maps.hole, models.inpaint, subject);
+                                                   maps.disocclusion, maps.hole, models.inpaint, sources);
   return {d, maps, rim ? rim->front : image, background.image, background.disparity};
 }
 

@@ -1,6 +1,7 @@
 #include "graphs/slide_inpaint.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "graphs/layers.h"
 #include "graphs/neighbourhood.h"
@@ -23,6 +24,9 @@ constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
 // Of the way from the background's disparity to the cover's: background wholly up to kFar, not from kNear on.
 constexpr double kFar = 0.1;
 constexpr double kNear = 0.4;
+constexpr double kMarginPart = 1.0 / 300;  // of the longer side
+constexpr double kMarginWeight = 0.05;
+constexpr double kSource = 0.5;
 constexpr double kDetail = 1.75;
 constexpr double kDetailLimit = 0.1;
 // The probabilities of background that weights of 0 and 1 stand for: what is doubtful gives no colour.
@@ -68,12 +72,18 @@ Value weight_by_network(Value rgb, Value disparity, Value behind, Value weight, 
 }
 
 /// The fill, with weights by disparity or corrected by the network.
-Value fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte, bool network) {
+Value fill(Value rgbd, Value disparity, Value hole, const FillSources& sources, bool network) {
   const Value rgb = ops::slice(rgbd, 1, 0, 3);
   const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
-  const auto matted = [&matte](Value weight) { return matte ? matted_weight(weight, *matte) : weight; };
-  const Value plain = colour_weight(disparity, behind), known = matted(plain);
-  const Value weight = network ? matted(weight_by_network(rgb, disparity, behind, plain, hole)) : known;
+  const Value plain = colour_weight(disparity, behind);
+  std::optional<Value> kept;
+  if (sources.margin > 0) kept = kept_beside_margin(plain, sources.margin);
+  const auto usable = [&](Value w) {
+    const Value off_margin = kept ? ops::clip(ops::mul(w, *kept), kRest, 1) : w;
+    return sources.matte ? matted_weight(off_margin, *sources.matte) : off_margin;
+  };
+  const Value known = usable(plain);
+  const Value weight = network ? usable(weight_by_network(rgb, disparity, behind, plain, hole)) : known;
   const Value smooth = ops::push_pull_fill(rgb, weight, kSweeps);
   return ops::concat({ops::add(smooth, detail(rgb, weight, known)), ops::affine(behind, 2, -1)}, 1);
 }
@@ -97,6 +107,16 @@ Value matted_weight(Value weight, const SubjectMatte& matte) {
   return ops::clip(ops::add(weight, moved), kRest, 1);
 }
 
+std::int64_t fill_margin(const Shape& photo) {
+  const auto longer = static_cast<double>(std::max(photo[-1], photo[-2]));
+  return static_cast<std::int64_t>(std::round(kMarginPart * longer));
+}
+
+Value kept_beside_margin(Value weight, std::int64_t margin) {
+  const Value source = least_around(ops::greater(weight, kSource), margin);
+  return ops::affine(source, 1 - kMarginWeight, kMarginWeight);
+}
+
 Value detail(Value rgb, Value weight, Value known) {
   const Value blurred = ops::div(ops::gaussian_blur(ops::mul(rgb, weight), 1), ops::gaussian_blur(weight, 1));
   const Value fine = ops::mul(ops::sub(rgb, blurred), weight);
@@ -105,16 +125,16 @@ Value detail(Value rgb, Value weight, Value known) {
   return ops::mul(mirrored, ops::affine(weight, -1, 1));
 }
 
-Value background_fill(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
+Value background_fill(Value rgbd, Value disparity, Value hole, const FillSources& sources) {
   require_image("background_fill", rgbd, 4, 1);
-  return fill(rgbd, disparity, hole, matte, false);
+  return fill(rgbd, disparity, hole, sources, false);
 }
 
-Value slide_inpaint(Value rgbd, Value disparity, Value hole, const std::optional<SubjectMatte>& matte) {
+Value slide_inpaint(Value rgbd, Value disparity, Value hole, const FillSources& sources) {
   require_image("slide_inpaint", rgbd, 4, kMultiple);
   require_image("slide_inpaint", disparity, 1, kMultiple);
   require_image("slide_inpaint", hole, 1, kMultiple);
-  return fill(rgbd, disparity, hole, matte, true);
+  return fill(rgbd, disparity, hole, sources, true);
 }
 
 }  // namespace slide::graphs

@@ -30,6 +30,23 @@ struct SubjectMatte {
   Value agreement;  ///< how far the matte is followed
 };
 
+/// Where the fill may take its colours from, beside what disparity tells.
+struct FillSources {
+  std::optional<SubjectMatte> matte = {};
+  /// Pixels beside what is no source that count little, where no matte is followed: fill_margin().
+  std::int64_t margin = 0;
+};
+
+/// The margin for a photo, whose size it follows: one pixel in 300 of the longer side. Beside a subject are
+/// hair and pixels that are half the subject's.
+/// @param photo  ...×H×W
+[[nodiscard]] std::int64_t fill_margin(const Shape& photo);
+
+/// Which part of its weight a pixel keeps: 0.05 within `margin` pixels of what is no source, `weight` below
+/// 1/2, so that it counts where nothing else is near; else 1.
+/// @param weight  1×1×H×W, colour_weight(), and no network's: it decides by a threshold
+Value kept_beside_margin(Value weight, std::int64_t margin);
+
 /// colour_weight() with a matte of the subject: w' = w + agreement·(clear - w), at least 1e-11: near the
 /// subject the matte's outline replaces the disparity's.
 /// @param weight  colour_weight(), 1×1×H×W
@@ -41,17 +58,16 @@ Value matted_weight(Value weight, const SubjectMatte& matte);
 /// that is not a network's is the same in every precision.
 /// @param rgb     1×3×H×W in [-1,1]
 /// @param weight  colour_weight(), which a network may have corrected
-/// @param known   colour_weight(), as it was
+/// @param known   colour_weight(), as it was, with a matte matted_weight(), both off the margin
 Value detail(Value rgb, Value weight, Value known);
 
 /// The depth-aware fill: the picture, and in the hole and all that covers it the background continued
-/// smoothly: colours by colour_weight(), or with a matte matted_weight(), and with detail(), disparity by
-/// background_weight(). What inpainting without a network is.
+/// smoothly: colours by colour_weight(), or with a matte matted_weight(), off the margin, and with detail(),
+/// disparity by background_weight(). What inpainting without a network is.
 /// @param rgbd       1×4×H×W in [-1,1]; its disparity is not read
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
-Value background_fill(Value rgbd, Value disparity, Value hole,
-                      const std::optional<SubjectMatte>& matte = std::nullopt);
+Value background_fill(Value rgbd, Value disparity, Value hole, const FillSources& sources = {});
 
 /// The project's own RGBD inpainting network (weights_tools/train/inpaint_net.py): the depth-aware fill, with
 /// a network that tells which pixels around the hole are background. It sees the picture, a fill by
@@ -63,7 +79,6 @@ Value background_fill(Value rgbd, Value disparity, Value hole,
 /// @param hole       1×1×H×W, 1 inside the hole
 /// @return 1×4×H×W, about [-1,1], not clipped
 /// Throws Error(kUsage) for other shapes.
-Value slide_inpaint(Value rgbd, Value disparity, Value hole,
-                    const std::optional<SubjectMatte>& matte = std::nullopt);
+Value slide_inpaint(Value rgbd, Value disparity, Value hole, const FillSources& sources = {});
 
 }  // namespace slide::graphs

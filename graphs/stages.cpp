@@ -78,15 +78,14 @@ Value select(Value hole, Value inside, Value outside) {
 }
 
 /// Completed RGBD in [0, 1] from RGBD in [0, 1].
-Value complete(Value rgbd, Value hole, const NetworkChoice& network,
-               const std::optional<SubjectMatte>& matte) {
+Value complete(Value rgbd, Value hole, const NetworkChoice& network, const FillSources& sources) {
   const Value signed_rgbd = ops::affine(rgbd, 2, -1);
   const Value disparity = ops::slice(rgbd, 1, 3, 4);
   Value completed = signed_rgbd;
   if (!network.chosen())
-    completed = background_fill(signed_rgbd, disparity, hole, matte);
+    completed = background_fill(signed_rgbd, disparity, hole, sources);
   else if (network.model == "slide_inpaint")
-    completed = slide_inpaint(signed_rgbd, disparity, hole, matte);
+    completed = slide_inpaint(signed_rgbd, disparity, hole, sources);
   else if (network.model == "inpaint_coarse")
     completed = inpaint_coarse(signed_rgbd, hole, InpaintCoarseConfig::from_weights(*network.weights));
   else if (network.model == "inpaint_deepfill")
@@ -212,13 +211,14 @@ Value refine_matte(Value image, Value saliency, const NetworkChoice& network) {
 }
 
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
-                              const NetworkChoice& network, const std::optional<SubjectMatte>& matte) {
+                              const NetworkChoice& network, const FillSources& sources) {
   const ImageSize size = size_of_image(image);
   const std::int64_t multiple = inpaint_reach(network).alignment;
   const Value rgbd = pad_to_multiple(ops::concat({image, disparity}, 1), multiple);
-  std::optional<SubjectMatte> padded = matte;
-  if (padded)
-    padded = {pad_to_multiple(padded->clear, multiple), pad_to_multiple(padded->agreement, multiple)};
+  FillSources padded = sources;
+  if (padded.matte)
+    padded.matte = {pad_to_multiple(padded.matte->clear, multiple),
+                    pad_to_multiple(padded.matte->agreement, multiple)};
   const Value completed = crop(complete(rgbd, pad_to_multiple(hole, multiple), network, padded), size);
   const auto composite = [&](Value net, Value known) {
     const Value mixed = ops::add(known, ops::mul(disocclusion, ops::sub(net, known)));

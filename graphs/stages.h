@@ -59,11 +59,10 @@ struct Background {
 /// @param disparity    D1, 1×1×H×W
 /// @param disocclusion S, 1×1×H×W
 /// @param hole         H, 1×1×H×W
-/// @param matte        for the fill and slide_inpaint, which starts from it; other networks see the hole
+/// @param sources      for the fill and slide_inpaint, which starts from it; other networks see the hole
 /// alone Throws Error(kUsage) if the model is no inpainting network.
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
-                              const NetworkChoice& network,
-                              const std::optional<SubjectMatte>& matte = std::nullopt);
+                              const NetworkChoice& network, const FillSources& sources = {});
 
 /// How much of the surroundings an inpainting network sees.
 struct InpaintReach {

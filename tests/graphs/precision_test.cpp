@@ -14,6 +14,7 @@
 #include "ops/fusion/fusion.h"
 #include "render/image_file.h"
 #include "render/photo_layers.h"
+#include "runtime/cpu.h"
 #include "runtime/fast_executor.h"
 #include "runtime/reference_executor.h"
 #include "runtime/safetensors.h"
@@ -94,6 +95,9 @@ double cost_of(const Graph& graph, const Plan& plan) {
   return cost;
 }
 
+/// Elsewhere they are emulated or only some of them are faster, and plans may do without.
+bool lower_precisions_pay() { return runs_at(Isa::kAmx, active_isa()); }
+
 int count(const Plan& plan, Precision precision) {
   int n = 0;
   for (const PlanStep& step : plan.steps) n += step.kernel->precision() == precision ? 1 : 0;
@@ -117,7 +121,7 @@ TEST_CASE("predicted errors agree with measured ones, budgets are kept, and thre
       const double predicted = fast.plan().predicted_error;
       CHECK(predicted >= measured / expected_of.under);
       CHECK(predicted <= measured * expected_of.over);
-      if (precision != Precision::kFp32) CHECK(count(fast.plan(), precision) >= 3);
+      if (precision != Precision::kFp32 && lower_precisions_pay()) CHECK(count(fast.plan(), precision) >= 3);
       set_thread_count(2);
       FastExecutor both(*network.fused, *network.weights, {.precision = precision});
       CHECK(same_bytes(network.output(both), output));
@@ -163,7 +167,7 @@ TEST_CASE("a calibrated network keeps its layers' ranges and errors in the weigh
   }
 
   FastExecutor fast(*network.fused, weights, {.precision = Precision::kInt8});
-  CHECK(count(fast.plan(), Precision::kInt8) >= 20);
+  if (lower_precisions_pay()) CHECK(count(fast.plan(), Precision::kInt8) >= 20);
   const double error = tensor_error(network.output(fast), network.reference()).rms;
   CHECK(error <= fast.plan().predicted_error);
   CHECK(error >= fast.plan().predicted_error / 3);

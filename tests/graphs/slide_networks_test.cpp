@@ -95,7 +95,7 @@ TEST_CASE("the weights of the background and the fill agree with PyTorch in floa
   {
     const auto scope = g.scope("matted");
     g.output("matted.colours", matted_weight(colour_weight(d, behind), matte));
-    g.output("matted.filled", background_fill(rgbd, d, hole, matte));
+    g.output("matted.filled", background_fill(rgbd, d, hole, {.matte = matte}));
   }
   ReferenceExecutor run(g, WeightMap());
   run.run({{"rgbd", file.tensor("scene.rgbd")},
@@ -137,7 +137,7 @@ TEST_CASE("a matte that is not followed leaves the fill's bytes as they are") {
   const SubjectMatte matte{g.input("clear", map), g.input("agreement", map)};
   {
     const auto scope = g.scope("matted");
-    g.output("matted", background_fill(rgbd, d, hole, matte));
+    g.output("matted", background_fill(rgbd, d, hole, {.matte = matte}));
   }
   NamedTensors values = inputs(file, "slide_inpaint");
   values["clear"] = values["agreement"] = Tensor::zeros(DType::kF32, map);
@@ -190,7 +190,7 @@ TEST_CASE("with a matte the fill has no foreground where disparity's edge is ins
   g.output("plain", background_fill(rgbd, d, hole));
   {
     const auto scope = g.scope("matted");
-    g.output("matted", background_fill(rgbd, d, hole, matted));
+    g.output("matted", background_fill(rgbd, d, hole, {.matte = matted}));
   }
   Tensor pixels = Tensor::zeros(DType::kF32, {1, 4, kSide, kSide});
   Tensor disparity = Tensor::zeros(DType::kF32, d.shape());
@@ -248,6 +248,63 @@ TEST_CASE("the fill leaves the background as it is and brings none of the foregr
     CHECK(filled[2 * kSide * kSide + i] >= 1 - 1e-3);            // blue
     CHECK(filled[3 * kSide * kSide + i] <= 2 * 0.1 - 1 + 1e-3);  // far
   }
+}
+
+TEST_CASE("beside what is no source a twentieth of a weight is kept") {
+  Graph g;
+  const Shape row{1, 1, 1, 9};
+  const Value weight = g.input("weight", row);
+  g.output("two", kept_beside_margin(weight, 2));
+  const double weights[] = {1, 1, 1, 0.6, 0.4, 1, 1, 1, 1};
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"weight", Tensor::from(row, std::span<const double>(weights))}});
+  for (std::size_t i = 0; i < 9; ++i) {
+    CHECK(run.tensor("two").data<double>()[i] == doctest::Approx(i >= 2 && i <= 6 ? 0.05 : 1).epsilon(1e-15));
+  }
+  CHECK(fill_margin({1, 3, 672, 1008}) == 3);
+  CHECK(fill_margin({1, 3, 4000, 3000}) == 13);
+  CHECK(fill_margin({1, 1, 96, 64}) == 0);
+}
+
+TEST_CASE("with a margin hair that hangs into the background does not colour the hole") {
+  // A red square with a fringe of dark red, three pixels wide, before a blue wall; disparity ends at the
+  // square.
+  constexpr std::int64_t kSide = 48;
+  constexpr std::size_t kPlane = kSide * kSide;
+  Graph g;
+  const Value rgbd = g.input("rgbd", {1, 4, kSide, kSide});
+  const Value d = g.input("d", {1, 1, kSide, kSide});
+  const Value hole = g.input("hole", {1, 1, kSide, kSide});
+  g.output("plain", background_fill(rgbd, d, hole));
+  {
+    const auto scope = g.scope("off");
+    g.output("off", background_fill(rgbd, d, hole, {.margin = 4}));
+  }
+  Tensor pixels = Tensor::zeros(DType::kF64, {1, 4, kSide, kSide});
+  Tensor disparity = Tensor::zeros(DType::kF64, d.shape());
+  Tensor mask = Tensor::zeros(DType::kF64, d.shape());
+  for (std::size_t i = 0; i < kPlane; ++i) {
+    const std::size_t row = i / kSide, column = i % kSide;
+    const auto square = [&](std::size_t first, std::size_t last) {
+      return row >= first && row < last && column >= first && column < last;
+    };
+    pixels.mutable_data<double>()[square(11, 37) ? i : 2 * kPlane + i] = 1;
+    disparity.mutable_data<double>()[i] = square(14, 34) ? 0.9 : 0.1;
+    mask.mutable_data<double>()[i] = square(14, 34) && !square(20, 28) ? 1 : 0;
+  }
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"rgbd", pixels}, {"d", disparity}, {"hole", mask}});
+  const auto mean_red_in_hole = [&](const char* name) {
+    double sum = 0, count = 0;
+    for (std::size_t i = 0; i < kPlane; ++i) {
+      if (mask.data<double>()[i] == 0) continue;
+      sum += run.tensor(name).data<double>()[i];
+      ++count;
+    }
+    return sum / count;
+  };
+  CHECK(mean_red_in_hole("plain") > 0.99);
+  CHECK(mean_red_in_hole("off") < 0.9);
 }
 
 TEST_CASE("the default networks refuse sizes they cannot take") {
