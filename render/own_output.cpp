@@ -6,7 +6,7 @@
 #include <string_view>
 
 #include "render/write_image.h"
-#include "runtime/error.h"
+#include "runtime/own_file.h"
 
 namespace slide {
 namespace {
@@ -58,12 +58,9 @@ bool is_own(const std::string& head, const std::string& extension) {
   });
 }
 
-void require_replaceable_file(const fs::path& path) {
-  std::error_code code;
-  if (!fs::is_regular_file(path, code) || fs::file_size(path, code) == 0) return;
-  if (is_own(head_of(path), lower_extension(path.string()))) return;
-  throw Error(ErrorKind::kUsage, path.string() + " exists, and SLIDE has not made it: it would be lost",
-              "give the output another name, or add --overwrite");
+void require_replaceable_file(const std::string& path) {
+  require_own_file(path,
+                   [](const std::string& file) { return is_own(head_of(file), lower_extension(file)); });
 }
 
 /// frame_0000.png and so on (render/frame_sink.h).
@@ -83,7 +80,7 @@ void require_replaceable(const std::string& path) {
   if (path == "-") return;
   if (!fs::is_directory(path, code)) return require_replaceable_file(path);
   for (fs::directory_iterator entry(path, code), end; !code && entry != end; entry.increment(code))
-    if (is_frame(entry->path().filename().string())) require_replaceable_file(entry->path());
+    if (is_frame(entry->path().filename().string())) require_replaceable_file(entry->path().string());
 }
 
 }  // namespace slide

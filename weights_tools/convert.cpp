@@ -6,6 +6,7 @@
 #include "runtime/atomic_file.h"
 #include "runtime/calibration.h"
 #include "runtime/error.h"
+#include "runtime/own_file.h"
 #include "runtime/safetensors_header.h"
 #include "runtime/safetensors_writer.h"
 #include "weights_tools/file_reader.h"
@@ -92,6 +93,19 @@ bool copy_tensor(const WeightReader& reader, std::size_t i, DType dtype, bool mu
   return finite;
 }
 
+/// Whether convert() has made a file and nobody has changed it since: it says what it was made of, and its
+/// checksums, which only SLIDE writes, belong to what it holds.
+bool made_here(const std::string& path) {
+  try {
+    const SafetensorsFile file = SafetensorsFile::open(path);
+    return file.metadata().contains("source_sha256") && file.metadata().contains("crc32c") &&
+           file.has_checksums() && file.verify_crc() == file.tensors().size();
+  } catch (const Error& e) {
+    if (e.kind() != ErrorKind::kBadWeights) throw;
+    return false;
+  }
+}
+
 /// A complete but unnamed file again, under the same name to be, with the calibration in its metadata.
 std::size_t write_calibrated(const std::string& unnamed, const std::string& output, const std::string& model,
                              const ConvertOptions& options) {
@@ -127,6 +141,7 @@ ConvertReport convert(const WeightReader& reader, const std::string& output, con
     throw Error(ErrorKind::kUsage, "weights are written as F32, F16 or BF16");
   if (same_file(reader.path(), output))
     throw Error(ErrorKind::kUsage, output + ": this is the file that is read", "choose another --output");
+  if (!options.overwrite) require_own_file(output, made_here);
   ConvertReport report;
   report.model = checked_model(reader, options.model, report.warnings);
   report.sha256 = sha256_of(FileReader(reader.path()));

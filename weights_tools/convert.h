@@ -22,6 +22,8 @@ struct ConvertOptions {
   /// Calibrates the converted weights for the model named; the result is stored. Empty: a safetensors
   /// source's own calibration is kept.
   std::function<Calibration(const std::string& model, const WeightSource& weights)> calibrate = {};
+  /// Whether the output may replace a file that convert() has not made, too; never the file that is read.
+  bool overwrite = false;
 };
 
 struct ConvertReport {
@@ -36,10 +38,12 @@ struct ConvertReport {
 /// Writes the tensors of `reader` to a safetensors file, with the metadata `model`, `source_file` (the name
 /// without folders) and `source_sha256`; a safetensors source's own metadata is kept. In memory there is one
 /// storage of the source at a time, and a block of the result. The file appears when it is complete, its
-/// calibration included; until then an older one of that name stays as it was. Throws Error(kBadWeights) if
-/// the tensors fit no model, listing what is missing or unexpected, do not match their checksums, hold a
-/// value that the dtype cannot, or one that is not finite (of "any" model only a warning); Error(kUsage) for
-/// an unknown model, if the output is the file that is read, and if it cannot be written.
+/// calibration included; until then an older one of that name stays as it was. Only a file that convert()
+/// has made and nobody has changed since is replaced, told by the metadata and the checksums. Throws
+/// Error(kBadWeights) if the tensors fit no model, listing what is missing or unexpected, do not match their
+/// checksums, hold a value that the dtype cannot, or one that is not finite (of "any" model only a warning);
+/// Error(kUsage) for an unknown model, if the output is the file that is read or another one that would be
+/// lost; Error(kOutput) if it cannot be written.
 ConvertReport convert(const WeightReader& reader, const std::string& output, const ConvertOptions& options);
 
 /// How the tensors fit the models of the catalogue.

@@ -221,11 +221,45 @@ TEST_CASE("a calibration that fails leaves the older file as it was and nothing 
   write_safetensors(folder.file("source"), {{"w", Tensor::zeros(DType::kF32, {1})}});
   write_text(folder.file("w"), "older");
   const auto fails = [](const std::string&, const WeightSource&) -> Calibration { throw std::bad_alloc(); };
-  CHECK_THROWS_AS(
-      convert(*open_weights(folder.file("source")), folder.file("w"), {.model = "any", .calibrate = fails}),
-      std::bad_alloc);
+  CHECK_THROWS_AS(convert(*open_weights(folder.file("source")), folder.file("w"),
+                          {.model = "any", .calibrate = fails, .overwrite = true}),
+                  std::bad_alloc);
   CHECK(bytes_of_file(folder.file("w")).size() == 5);
   CHECK(folder.entries() == 2);
+}
+
+TEST_CASE("a file that convert() has not made, or that was changed since, is replaced only if told so") {
+  const TemporaryFolder folder;
+  const auto refused = [&](const std::string& output) {
+    const std::string path = folder.file(output);
+    const std::vector<std::byte> before = bytes_of_file(path);
+    const auto reader = open_weights(kFolder + "tiny_zip.pt");
+    const std::string message = message_of([&] { convert(*reader, path, {.model = "any"}); });
+    const bool lost = message == path + " exists, and SLIDE has not made it: it would be lost (give the " +
+                                     "output another name, or add --overwrite)";
+    CHECK((lost || message == "no error"));
+    CHECK((!lost || bytes_of_file(path) == before));
+    return lost;
+  };
+  CHECK_FALSE(refused("new"));
+  CHECK_FALSE(refused("new"));  // what it made itself
+  std::ofstream(folder.file("empty")).flush();
+  CHECK_FALSE(refused("empty"));
+
+  write_text(folder.file("text"), "a letter");
+  CHECK(refused("text"));
+  const Tensor w = Tensor::zeros(DType::kF32, {4});
+  write_safetensors(folder.file("case"), {{"w", w}}, {{"op", "relu"}});  // SLIDE's, but no converted weights
+  CHECK(refused("case"));
+  // Somebody trained on, and kept the metadata: the checksums no longer fit.
+  write_safetensors(folder.file("trained"), {{"w", w}}, {{"source_sha256", "0"}});
+  CHECK_FALSE(refused("trained"));
+  write_safetensors(folder.file("trained"), {{"w", w}}, {{"source_sha256", "0"}});
+  flip_bit(folder.file("trained"), 8 * bytes_of_file(folder.file("trained")).size() - 1);
+  CHECK(refused("trained"));
+  const auto reader = open_weights(kFolder + "tiny_zip.pt");
+  convert(*reader, folder.file("trained"), {.model = "any", .overwrite = true});
+  CHECK_FALSE(refused("trained"));
 }
 
 TEST_CASE("a flipped bit is not given a new checksum") {

@@ -28,6 +28,7 @@ struct Arguments {
   std::string dtype = "f32";
   bool list = false;
   bool verify = false;
+  bool overwrite = false;
   std::string model;
   std::vector<std::string> photos;
 };
@@ -64,7 +65,10 @@ void run(const Arguments& arguments) {
     photos.push_back(tensor_from_image(read_photo(photo).colour));
   const std::map<std::string, DType> types = {
       {"f32", DType::kF32}, {"f16", DType::kF16}, {"bf16", DType::kBF16}};
-  ConvertOptions options{.model = arguments.model, .dtype = types.at(arguments.dtype), .calibrate = {}};
+  ConvertOptions options{.model = arguments.model,
+                         .dtype = types.at(arguments.dtype),
+                         .calibrate = {},
+                         .overwrite = arguments.overwrite};
   if (!photos.empty())
     options.calibrate = [&](const std::string& model, const WeightSource& weights) {
       return graphs::calibrate(model, weights, photos, 0, show_progress);
@@ -106,6 +110,8 @@ int parse_and_run(int argc, char** argv) {
   app.add_option("--key", arguments.key,
                  "which set of tensors of a checkpoint that holds several, such as state_dict");
   app.add_flag("--list", arguments.list, "print a table of names, dtypes, shapes and bytes");
+  app.add_flag("--overwrite", arguments.overwrite,
+               "replace an existing file that slide_convert has not made, too; FILE is never replaced");
   app.add_flag("--verify", arguments.verify, "read everything: checksums must match, values be finite");
   try {
     app.parse(argc, argv);
@@ -113,6 +119,8 @@ int parse_and_run(int argc, char** argv) {
       throw CLI::RequiredError("one of --output, --list and --verify");
     if (!arguments.photos.empty() && arguments.output.empty())
       throw CLI::RequiredError("--calibrate needs --output, which");
+    if (arguments.overwrite && arguments.output.empty())
+      throw CLI::RequiredError("--overwrite needs --output, which");
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : slide::exit_code(slide::ErrorKind::kUsage);
   }
