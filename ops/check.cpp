@@ -236,14 +236,15 @@ std::vector<const Kernel*> kernels_for(const KernelTask& task, Isa isa) {
 /// The largest quotient of |y64 - expected| and what both may lose.
 double of_tolerance(const Tensor& y64, const OperatorCase& c, double factor) {
   if (y64.shape() != c.expected.shape()) return kInfinity;
-  const Tensor scale = values_of(c, false).scale;
+  const CaseValues values = values_of(c, false);
   const Tensor expected = c.expected.to(DType::kF64);
-  const double own =
-      largest_finite(expected.data<double>()) * (c.expected.dtype() == DType::kF64 ? kOwn64 : kOwn32);
+  const double ours = factor * 0x1p-53;
+  const double own = c.expected.dtype() == DType::kF64 ? ours : float_factor(values) * 0x1p-24;
   double worst = 0;
   for (std::size_t i = 0; i < static_cast<std::size_t>(y64.count()); ++i) {
     const double error = difference(y64.data<double>()[i], expected.data<double>()[i]);
-    const double units = ratio(error, factor * 0x1p-53 * scale.data<double>()[i] + own + kSmallestNormal);
+    const double bound = ours * values.scale.data<double>()[i] + own * values.textbook.data<double>()[i];
+    const double units = ratio(error, bound + kSmallestNormal);
     worst = std::max(worst, std::isnan(units) ? kInfinity : units);
   }
   return worst;
@@ -340,7 +341,7 @@ CaseCheck check_case(const OperatorCase& c, Isa isa) {
     }
   }
   check.reference_error = relative_error(values.at(result), c.expected);
-  check.of_tolerance = of_tolerance(values.at(result), c, 2 * factor);
+  check.of_tolerance = of_tolerance(values.at(result), c, factor);
   return check;
 }
 

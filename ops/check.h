@@ -23,11 +23,6 @@ struct KernelTask {
 /// Rounds the inputs (any element type), infers the output's shape and runs the definition.
 [[nodiscard]] KernelTask make_task(const Op& op, std::span<const Tensor> inputs);
 
-/// What a program that gave a case's expected output in float64, or in a smaller type, may itself have lost,
-/// as a part of its largest magnitude. (PyTorch's layer norm of a mean of 1,000 deviations: 1.3e-13.)
-inline constexpr double kOwn64 = 2e-13;
-inline constexpr double kOwn32 = 0x1p-22;
-
 /// A kernel's RMS error may be this many times what its arithmetic predicts. The prediction is for results
 /// that are sums of independent terms, whose scale is about √terms times the result (in RMS). Where terms
 /// cancel twice as much or more, it grows in proportion; where they cancel 16 times as much, the terms are
@@ -93,10 +88,12 @@ struct CaseCheck {
 };
 
 /// Checks the definition, element by element, against
-///     |y64 - expected| <= 2 · c · 2^-53 · scale + own · max |expected| + 2^-126
-/// with c from Op::definition_factor() and own from kOwn64 or kOwn32;
-/// then every kernel of levels up to `isa` that can do the call. Throws Error(kBadInput)
-/// if the operator or its attributes are unknown or do not fit the tensors.
+///     |y64 - expected| <= c · 2^-53 · scale + own · textbook + 2^-126
+/// with c from Op::definition_factor(). The second term is what the program that gave the expected output may
+/// have lost: `own` is c · 2^-53 where that is stored in float64, and what judge() allows a float32 result,
+/// float_factor() · 2^-24, where it is stored in float32; `textbook` is of ops/textbook_scale.h. Then every
+/// kernel of levels up to `isa` that can do the call. Throws Error(kBadInput) if the operator or its
+/// attributes are unknown or do not fit the tensors.
 [[nodiscard]] CaseCheck check_case(const OperatorCase& operator_case, Isa isa);
 
 /// max |a - b| over all elements, divided by the largest finite |b|; see KernelCheck. Any floating dtypes;

@@ -9,6 +9,7 @@
 
 #include "ops/case_file.h"
 #include "ops/judge_patterns.h"
+#include "ops/textbook_scale.h"
 #include "runtime/error.h"
 
 namespace slide::ops {
@@ -39,13 +40,16 @@ std::vector<Shape> shapes_of(const std::vector<Tensor>& tensors) {
   return shapes;
 }
 
+enum class Program { kOurs, kTextbook };
+
 /// The scale of a node's own errors, and what those of its inputs become: |f(x + h·s) - f(x)| / h.
 Tensor scale_of(const Op& op, const std::vector<Tensor>& inputs, const std::vector<Tensor>& scales,
-                const Tensor& output) {
+                const Tensor& output, Program program) {
   constexpr double kStep = 0x1p-30;
   Tensor scale(DType::kF64, output.shape());
   op.error_scale(inputs, output, scale);
   const std::span<double> sum = scale.mutable_data<double>();
+  if (program == Program::kTextbook) add_textbook_scale(op, inputs, sum);
   for (std::size_t k = 0; k < inputs.size(); ++k) {
     if (scales[k].empty()) continue;
     std::vector<Tensor> moved = inputs;
@@ -118,6 +122,7 @@ CaseValues values_of(const OperatorCase& c, bool rounded) {
   CaseValues values;
   std::vector<Tensor> value(graph.nodes().size());
   std::vector<Tensor> scale(graph.nodes().size());
+  std::vector<Tensor> textbook(graph.nodes().size());
   for (std::size_t i = 0; i < value.size(); ++i) {
     const Node& node = graph.nodes()[i];
     if (node.kind == NodeKind::kConstant) value[i] = node.constant;
@@ -126,23 +131,31 @@ CaseValues values_of(const OperatorCase& c, bool rounded) {
         if (name == node.name) value[i] = (rounded ? tensor.to(DType::kF32) : tensor).to(DType::kF64);
     if (node.kind != NodeKind::kOp) continue;
     std::vector<Tensor> arguments;
-    std::vector<Tensor> scales;
+    std::vector<Tensor> scales, textbook_scales;
     for (const int j : node.inputs) {
       arguments.push_back(value[static_cast<std::size_t>(j)]);
       scales.push_back(scale[static_cast<std::size_t>(j)]);
+      textbook_scales.push_back(textbook[static_cast<std::size_t>(j)]);
     }
     value[i] = Tensor(DType::kF64, node.shape);
     node.op->reference(arguments, value[i]);
-    scale[i] = scale_of(*node.op, arguments, scales, value[i]);
+    scale[i] = scale_of(*node.op, arguments, scales, value[i], Program::kOurs);
+    textbook[i] = scale_of(*node.op, arguments, textbook_scales, value[i], Program::kTextbook);
     const std::vector<Shape> shapes = shapes_of(arguments);
     const double count = static_cast<double>(std::max<std::int64_t>(1, node.shape.count()));
     values.terms = std::max(values.terms, node.op->macs(shapes, node.shape) / count);
     values.factor = std::max(values.factor, largest_factor(*node.op, shapes, node.shape));
   }
   values.y64 = value[result];
-  values.scale = scale[result].empty() ? Tensor::zeros(DType::kF64, values.y64.shape()) : scale[result];
+  const auto or_zero = [&](const Tensor& t) {
+    return t.empty() ? Tensor::zeros(DType::kF64, values.y64.shape()) : t;
+  };
+  values.scale = or_zero(scale[result]);
+  values.textbook = or_zero(textbook[result]);
   return values;
 }
+
+double float_factor(const CaseValues& values) { return std::max(1.001 * (values.terms + 3), values.factor); }
 
 Judgement judge(const OperatorCase& c, const Tensor& actual, Unit unit, std::optional<double> factor) {
   const DType type = actual.dtype();
@@ -158,9 +171,7 @@ Judgement judge(const OperatorCase& c, const Tensor& actual, Unit unit, std::opt
   }
   const UnitFacts& facts = facts_of(unit);
   if (unit == Unit::kInt8) level(values.scale);
-  // Products, sums and three more roundings cover the kernels of every processor, so that all judge alike;
-  // (1 + u)^n - 1 <= 1.001·n·u for n < 2^14.
-  const double sums = std::max(1.001 * (values.terms + 3), values.factor) * kFloatRoundoff / facts.roundoff;
+  const double sums = float_factor(values) * kFloatRoundoff / facts.roundoff;
   const double usual = unit == Unit::kFp32 ? sums : 3 + sums;
   result.factor = factor.value_or(usual);
   const Tensor wide = actual.to(DType::kF64);

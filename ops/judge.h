@@ -20,11 +20,17 @@ enum class Unit { kFp32, kTf32, kBf16, kFp16, kInt8 };
 /// errors are proportional to (Op::error_scale(); where a case is several nodes, the errors of the first ones
 /// are carried to the result by finite differences).
 struct CaseValues {
-  Tensor y64;         ///< F64
-  Tensor scale;       ///< F64
-  double terms = 1;   ///< products summed up for an element, one if it is no sum
+  Tensor y64;        ///< F64
+  Tensor scale;      ///< F64
+  Tensor textbook;   ///< F64: the same for a program that evaluates formulas as they stand (textbook_scale.h)
+  double terms = 1;  ///< products summed up for an element, one if it is no sum
   double factor = 1;  ///< the largest that a float32 kernel of this build states for the call
 };
+
+/// How many unit roundoffs of the scale a right float32 result may be off: products, sums and three more
+/// roundings cover the kernels of every processor, so that all judge alike; (1 + u)^n - 1 <= 1.001·n·u for
+/// n < 2^14.
+[[nodiscard]] double float_factor(const CaseValues& values);
 
 /// With `rounded`, inputs are rounded to float32 first, as an operator in float32 gets them. Throws
 /// Error(kBadInput) as build_case() does.

@@ -141,6 +141,13 @@ void ForegroundColoursOp::error_scale(std::span<const Tensor> inputs, const Tens
   }
 }
 
+double ForegroundColoursOp::definition_factor(std::span<const Shape> inputs, const Shape& /*output*/) const {
+  const Nchw s = nchw(inputs[0]);
+  double steps = 0;
+  for (const MattingLevel& level : matting_levels(s.h, s.w)) steps += level.steps;
+  return 16 + 12 * steps;
+}
+
 Value foreground_colours(Value image, Value alpha) {
   return image.graph().add(std::make_shared<ForegroundColoursOp>(), {image, alpha});
 }

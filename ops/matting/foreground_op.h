@@ -15,6 +15,8 @@ class ForegroundColoursOp : public Op {
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   /// max(1, the largest |I| of the picture): what F and B, their means and residuals are made of.
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  /// A step has a dozen roundings for F and B, and passes on no more than the errors before it: it projects.
+  [[nodiscard]] double definition_factor(std::span<const Shape> inputs, const Shape& output) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 };
 

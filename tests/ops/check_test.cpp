@@ -242,9 +242,110 @@ TEST_CASE("a wrong expected output fails the definition, not the kernels") {
   CHECK_FALSE(result.passed());
   CHECK_FALSE(result.reference_passed());
   for (const KernelCheck& k : result.kernels) CHECK(k.passed());
-  // 2 · 16 · 2^-53 · |y| is 7e-15, and 2e-13 of the largest 4e-13.
-  CHECK_FALSE(ops::check_case(relu_case(2 + 4.2e-13), Isa::kBaseline).reference_passed());
-  CHECK(ops::check_case(relu_case(2 + 4e-13), Isa::kBaseline).reference_passed());
+  // 16 · 2^-53 · |y| for the definition, as much for the program that gave the expected output.
+  CHECK_FALSE(ops::check_case(relu_case(2 + 34 * 0x1p-52), Isa::kBaseline).reference_passed());
+  CHECK(ops::check_case(relu_case(2 + 32 * 0x1p-52), Isa::kBaseline).reference_passed());
+}
+
+namespace {
+
+/// The case of a call with some expected output, stored in float32 or in float64.
+template <typename T>
+ops::OperatorCase case_with(const std::string& op, const std::string& attributes,
+                            const std::vector<std::pair<std::string, Tensor>>& inputs, const Shape& shape,
+                            const std::vector<T>& expected) {
+  return {op, attributes, "", inputs, Tensor::from<T>(shape, std::span<const T>(expected))};
+}
+
+template <typename T>
+Tensor row(const std::vector<T>& values) {
+  return Tensor::from<T>({static_cast<std::int64_t>(values.size())}, std::span<const T>(values));
+}
+
+bool definition_agrees(const ops::OperatorCase& c) {
+  return ops::check_case(c, Isa::kBaseline).reference_passed();
+}
+
+}  // namespace
+
+TEST_CASE("an expected output is held to the definition in every element, however large another one is") {
+  // One channel is 1e7 times as large as the other, which is a tenth too large.
+  for (const float off : {1.0F, 1.0001F, 1.1F}) {
+    const Tensor x = Tensor::from<float>({1, 2, 1, 2}, std::vector<float>{1e7F, -3e7F, 1, 2});
+    const Tensor w = Tensor::from<float>({2, 1, 1, 1}, std::vector<float>{1, 0.5F});
+    const std::vector<float> y = {1e7F, -3e7F, 0.5F * off, 1 * off};
+    const ops::OperatorCase c =
+        case_with("conv2d", R"({"groups": 2})", {{"x", x}, {"weight", w}}, Shape{1, 2, 1, 2}, y);
+    CHECK(definition_agrees(c) == (off == 1));
+  }
+}
+
+TEST_CASE("a float32 sum in the order of its terms is a right expected output") {
+  const int terms = 4608;
+  std::vector<float> x, w;
+  float sum = 0;
+  for (int i = 0; i < terms; ++i) {
+    x.push_back(0.5F + static_cast<float>(i % 37) / 37);
+    w.push_back(0.25F + static_cast<float>(i % 101) / 101);
+    sum += x.back() * w.back();
+  }
+  const auto with = [&](float y) {
+    const Shape shape{1, terms, 1, 1};
+    return case_with("conv2d", "{}",
+                     {{"x", Tensor::from<float>(shape, std::span<const float>(x))},
+                      {"weight", Tensor::from<float>(shape, std::span<const float>(w))}},
+                     Shape{1, 1, 1, 1}, std::vector<float>{y});
+  };
+  CHECK(definition_agrees(with(sum)));
+  CHECK(definition_agrees(with(sum * (1 + 1e-5F))));  // what the order of the sum may cost: 2.7e-4
+  CHECK_FALSE(definition_agrees(with(sum * (1 + 4e-4F))));
+}
+
+TEST_CASE("an expected output may lose what its formula cancels, and no more") {
+  // exp(x) - 1 in float32 is off by half a unit of exp(x), which is many units of a small result.
+  const auto lost = [](float v) {
+    return std::fabs(static_cast<double>(std::exp(v) - 1) - std::expm1(static_cast<double>(v)));
+  };
+  float x = -0.028F;
+  for (int i = 1; i < 100; ++i)
+    if (const float other = -0.028F - 1e-5F * static_cast<float>(i); lost(other) > lost(x)) x = other;
+  const float y = std::exp(x) - 1;
+  CHECK(lost(x) > 8 * 0x1p-24 * 0.028);
+  const auto elu = [&](double by, double alpha) {
+    return case_with("elu", R"({"alpha": )" + std::to_string(alpha) + "}", {{"x", row<float>({x})}}, Shape{1},
+                     std::vector<float>{static_cast<float>(alpha) * (y + static_cast<float>(by))});
+  };
+  for (const double alpha : {0.125, 1.0, 1000.0}) {
+    CHECK(definition_agrees(elu(0, alpha)));
+    CHECK_FALSE(definition_agrees(elu(1e-4, alpha)));
+  }
+  // In float64 beside it: 2^-53 of 2, but not of the largest element.
+  const auto elu64 = [&](double off) {
+    return case_with("elu", "{}", {{"x", row<double>({-1e-9, 1e9})}}, Shape{2},
+                     std::vector<double>{std::expm1(-1e-9) + off, 1e9});
+  };
+  CHECK(definition_agrees(elu64(16 * 0x1p-52)));
+  CHECK_FALSE(definition_agrees(elu64(18 * 0x1p-52)));
+  // 1 + erf(x/√2) is a unit of 1 at the least.
+  const auto gelu = [&](double expected) {
+    return case_with("gelu", "{}", {{"x", row<double>({-9})}}, Shape{1}, std::vector<double>{expected});
+  };
+  CHECK(definition_agrees(gelu(0)));
+  CHECK_FALSE(definition_agrees(gelu(-2e-14)));
+  // Mean 1e6, deviation 1: x/σ and mean/σ cancel. Not where the mean is 0.
+  for (const double mean : {0.0, 1e6}) {
+    const auto norm = [&](double off) {
+      const double y1 = 1 / std::sqrt(1 + 1e-5);
+      return case_with("layer_norm", R"({"axis": 0})",
+                       {{"x", row<double>({mean - 1, mean + 1, mean - 1, mean + 1})},
+                        {"weight", row<double>({1, 1, 1, 1})},
+                        {"bias", row<double>({0, 0, 0, 0})}},
+                       Shape{4}, std::vector<double>{-y1 + off, y1, -y1, y1});
+    };
+    CHECK(definition_agrees(norm(0)));
+    CHECK(definition_agrees(norm(1e6 * 0x1p-53)) == (mean > 0));
+    CHECK_FALSE(definition_agrees(norm(100 * 1e6 * 0x1p-53)));
+  }
 }
 
 TEST_CASE("only kernels up to the level asked for are checked") {
