@@ -14,6 +14,7 @@
 #include "graphs/golden_check.h"
 #include "graphs/photo_inputs.h"
 #include "ops/check_report.h"
+#include "ops/generate/generate.h"
 #include "ops/judge.h"
 #include "ops/npy.h"
 #include "render/image_file.h"
@@ -43,6 +44,10 @@ struct Arguments {
   std::optional<double> factor;
   std::int64_t size = 0;
   int rows = 0;
+  std::string op, folder;
+  std::uint64_t seed = 1;
+  int count = 16;
+  bool overwrite = false;
 };
 
 graphs::Golden open_golden(const std::string& path) {
@@ -79,6 +84,12 @@ int judge_result(const Arguments& a) {
   const ops::Judgement judgement = ops::judge(operator_case, read_actual(a), *unit, a.factor);
   std::cout << operator_case.op << " in " << a.unit << ": " << ops::text_of(judgement);
   return judgement.passed() ? 0 : 1;
+}
+
+int generate_cases(const Arguments& a) {
+  const std::size_t count = ops::generate_files(a.op, a.seed, a.count, a.folder, a.overwrite);
+  std::cout << count << " operator cases written to " << a.folder << "\n";
+  return 0;
 }
 
 /// What --fused, --precision and --error-budget ask for.
@@ -163,6 +174,15 @@ int run(CLI::App& app, int argc, char** argv) {
       ->capture_default_str();
   judge->add_option("--factor", a.factor, "errors up to this times unit roundoff times the operator's scale")
       ->check(CLI::Range(1e-3, 1e9));
+  CLI::App* generate = app.add_subcommand("generate", "write operator cases that kernels may be wrong on");
+  generate->add_option("OP", a.op, "an operator of docs/operators.md, or all")->required();
+  generate->add_option("--seed", a.seed, "which cases: the same seed gives the same ones")
+      ->capture_default_str();
+  generate->add_option("--count", a.count, "cases of an operator; they go through 8 kinds of trials in turn")
+      ->check(CLI::Range(1, 100000))
+      ->capture_default_str();
+  generate->add_option("-o,--output", a.folder, "folder to write them to, made if need be")->required();
+  generate->add_flag("--overwrite", a.overwrite, "replace existing files that slide_check has not made, too");
   CLI::App* net = app.add_subcommand("net", "check a network on a golden run");
   add_model(*net, a);
   net->add_option("--golden", a.golden, "golden file (safetensors)")->required();
@@ -184,6 +204,7 @@ int run(CLI::App& app, int argc, char** argv) {
   set_thread_count(a.threads);
   if (op->parsed()) return check_operators(a);
   if (judge->parsed()) return judge_result(a);
+  if (generate->parsed()) return generate_cases(a);
   return net->parsed() ? check_network(a) : compare_network(a);
 }
 

@@ -12,6 +12,7 @@ namespace {
 
 constexpr const char* kExpected = "expected";
 constexpr const char* kActual = "actual";
+constexpr const char* kScale = "scale";
 
 std::string metadata_or(const SafetensorsFile& file, std::string_view key, const std::string& otherwise) {
   const auto it = file.metadata().find(key);
@@ -41,7 +42,7 @@ OperatorCase read_case(const std::string& path) {
   for (const TensorInfo& info : file.tensors()) {
     if (info.name == kExpected)
       result.expected = file.tensor(info.name);
-    else if (info.name != kActual)
+    else if (info.name != kActual && info.name != kScale)
       result.inputs.emplace_back(info.name, file.tensor(info.name));
   }
   if (!file.contains(kExpected))
@@ -63,6 +64,7 @@ std::optional<Tensor> tensor_in(const std::string& path, std::string_view name) 
 void write_case(const std::string& path, const OperatorCase& operator_case) {
   std::vector<std::pair<std::string, Tensor>> tensors = operator_case.inputs;
   tensors.emplace_back(kExpected, operator_case.expected);
+  if (!operator_case.scale.empty()) tensors.emplace_back(kScale, operator_case.scale);
   Metadata metadata{{"op", operator_case.op}, {"attributes", operator_case.attributes}};
   if (!operator_case.source.empty()) metadata["source"] = operator_case.source;
   write_safetensors(path, tensors, metadata);

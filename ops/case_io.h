@@ -12,14 +12,15 @@ namespace slide::ops {
 
 /// One call of one operator with the result it should give, as it lies in a safetensors file: the inputs by
 /// the operator's input names and the tensor "expected"; metadata "op", "attributes" (a JSON object) and
-/// "source" (where the numbers come from). A tensor "actual", somebody's result, is no input. The table of
-/// operators is in docs/operators.md.
+/// "source" (where the numbers come from). Tensors "actual", somebody's result, and "scale", what rounding
+/// errors are proportional to, are no inputs. The table of operators is in docs/operators.md.
 struct OperatorCase {
   std::string op;
   std::string attributes = "{}";
   std::string source;
   std::vector<std::pair<std::string, Tensor>> inputs;  ///< of any element type, in the file's order
   Tensor expected;                                     ///< F64 or F32
+  Tensor scale = {};  ///< for readers without a definition: Op::error_scale(), written if there is one, never read
 };
 
 /// Reads a case; the tensors are views of the mapped file. Throws Error(kBadInput) naming the file if it is

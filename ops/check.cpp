@@ -174,7 +174,7 @@ void measure(const Kernel& kernel, const KernelTask& task, KernelCheck& check) {
     worst = std::max(worst, error);
     const double units = ratio(error, check.factor * u * scale[i] + flushed);
     check.of_bound = std::max(check.of_bound, std::isnan(units) ? kInfinity : units);
-    squares.add(error, should, terms[i]);
+    squares.add(std::max(0.0, error - flushed), should, terms[i]);  // flushing is no inexact arithmetic
   }
   check.error_reference = ratio(worst, largest_finite(y64));
   if (squares.result > 0) {

@@ -38,7 +38,7 @@ struct KernelCheck {
   Isa isa = Isa::kBaseline;
   double error_expected = 0;   ///< relative, against the expected output given; 0 where there is none
   double error_reference = 0;  ///< relative, against y64
-  double rms = 0;              ///< of y - y64 over finite elements, relative to that of y64
+  double rms = 0;              ///< of y - y64 over finite elements, but for flushing, relative to that of y64
   double expected_rms = 0;     ///< Kernel::expected_error(), more or 0 where results cancel: see kRmsFactor
   std::int64_t outside = 0;    ///< elements outside the kernel's domain that are NaN or infinite
   double of_bound = 0;         ///< max |y - y64| / bound with the kernel's stated bound

@@ -206,7 +206,8 @@ Judgement judge(const OperatorCase& c, const Tensor& actual, Unit unit, std::opt
   // Roundings of 0.3 u each; of the sum's, on the way to its n terms, a third.
   const double roundings = unit == Unit::kFp32 ? values.terms / 3 + 1 : 3 / std::max(1.0, values.terms);
   result.expected_rms = 0.3 * facts.roundoff * std::sqrt(roundings * predicted / size);
-  const double flushed = std::sqrt(static_cast<double>(y.size()) / size) * 0x1p-126;
+  const double flushed =
+      std::sqrt(static_cast<double>(y.size()) / size) * std::max(result.factor, 1.0) * 0x1p-126;
   result.rms_limit = kRmsAllowance * std::max(1.0, result.factor / usual) * result.expected_rms + flushed;
   result.patterns = patterns_of({c, values.y64, wide, wrong});
   return result;

@@ -34,7 +34,8 @@ class AttentionKernel : public LevelKernel<AttentionOp, AttentionBlockRoutines> 
     return static_cast<std::size_t>(thread_count() * slot_size(e)) * sizeof(float);
   }
   /// A key's weight may round to zero, which times an infinite value is NaN.
-  [[nodiscard]] Domain domain() const override { return {.reach = Reach::kImage}; }
+  /// Scores stay within float32, be it with 2^20 channels and a scale of 1.
+  [[nodiscard]] Domain domain() const override { return {.largest_input = 0x1p54, .reach = Reach::kImage}; }
 
  private:
   /// Of the weighted sum, relative to its terms: a block's keys are added in order, then each block costs 4

@@ -44,6 +44,21 @@ TEST_CASE("slide_check op passes a folder of cases and says so") {
   CHECK(contains(result.output, "all within their bounds"));
 }
 
+TEST_CASE("slide_check generate writes cases that op passes, and refuses what it cannot make") {
+  const TemporaryFolder folder;
+  const std::string cases = folder.file("cases");
+  const ProgramResult result =
+      slide_check({"generate", "layer_norm", "--seed", "4", "--count", "8", "-o", cases});
+  CHECK(result.code == 0);
+  CHECK(result.output == "8 operator cases written to " + cases + "\n");
+  const ProgramResult check = slide_check({"op", cases});
+  CHECK_MESSAGE(check.code == 0, check.output);
+  CHECK(contains(check.output, "8 cases, "));
+  CHECK(slide_check({"generate", "layer_norm", "--count", "0", "-o", cases}).code == 2);
+  CHECK(slide_check({"generate", "layer_nrm", "-o", cases}).code == 2);
+  CHECK(slide_check({"generate", "relu", "-o", cases + "/layer_norm_4_0000_random.safetensors"}).code == 7);
+}
+
 TEST_CASE("slide_check op ends with 1 if a case fails, and still checks the others") {
   const TemporaryFolder folder;
   write_relu_case(folder.file("wrong.safetensors"), 3);
