@@ -20,7 +20,7 @@ struct OperatorCase {
   std::string source;
   std::vector<std::pair<std::string, Tensor>> inputs;  ///< of any element type, in the file's order
   Tensor expected;                                     ///< F64 or F32
-  Tensor scale = {};  ///< for readers without a definition: Op::error_scale(), written if there is one, never read
+  Tensor scale = {};  ///< Op::error_scale() for readers without a definition: written if given, never read
 };
 
 /// Reads a case; the tensors are views of the mapped file. Throws Error(kBadInput) naming the file if it is

@@ -1,9 +1,11 @@
 #include <doctest/doctest.h>
 
 #include <limits>
+#include <map>
 #include <set>
 #include <string>
 
+#include "ops/case_file.h"
 #include "ops/case_io.h"
 #include "ops/check.h"
 #include "runtime/cpu.h"
@@ -34,6 +36,63 @@ TEST_CASE(
        {"depthwise", "few_filters", "winograd2", "winograd4", "winograd6", "grouped_gate", "direct", "gemm",
         "winograd4_bf16", "direct_bf16", "direct_int8"})
     CHECK(methods.contains(std::string("conv2d.") + method));
+}
+
+namespace {
+
+/// Kernels that no shipped case reaches, by name without level, and why.
+const std::map<std::string, std::string> kNotShipped = {
+    {"conv2d.winograd2_bf16", "takes 2^15 weights or more, a file of 300 KB: conv2d_winograd_test.cpp"},
+};
+
+/// Kernels that do a node of a graph, and all that its operator has, by name and level.
+void collect(const Graph& graph, std::set<std::string>& reached, std::map<std::string, const Kernel*>& all) {
+  for (const Node& node : graph.nodes()) {
+    if (node.kind != NodeKind::kOp) continue;
+    std::vector<Shape> shapes;
+    for (const int i : node.inputs) shapes.push_back(graph.node(i).shape);
+    for (const Kernel* kernel : node.op->kernels()) {
+      all[kernel->name_and_level()] = kernel;
+      if (kernel->supports(*node.op, shapes, node.shape)) reached.insert(kernel->name_and_level());
+    }
+  }
+}
+
+}  // namespace
+
+TEST_CASE(
+    "every kernel, method, level and precision compiled in is reached by a shipped case, or named here") {
+  std::set<std::string> reached, operators, unused;
+  std::map<std::string, const Kernel*> all;
+  for (const char* folder : {"/operator_cases", "/onnx_cases", "/hard_cases"})
+    for (const std::string& file : ops::case_files(std::string(SLIDE_TEST_DATA) + folder)) {
+      const ops::OperatorCase c = ops::read_case(file);
+      Graph graph;
+      std::vector<std::pair<std::string, Value>> inputs;
+      for (const auto& [name, tensor] : c.inputs)
+        inputs.emplace_back(name, graph.input(name, tensor.shape()));
+      static_cast<void>(ops::build_case(c.op, c.attributes, inputs));
+      collect(graph, reached, all);
+      operators.insert(c.op);
+    }
+  for (const std::string& op : ops::case_operators()) {
+    CAPTURE(op);
+    CHECK(operators.contains(op));
+  }
+  std::set<Precision> precisions;
+  std::set<Isa> levels;
+  for (const auto& entry : all) {
+    const std::string method(entry.second->name());
+    INFO(entry.first, ": no shipped case is for it");
+    CHECK(reached.contains(entry.first) != kNotShipped.contains(method));  // reached: no longer to be named
+    if (!reached.contains(entry.first)) unused.insert(method);
+    precisions.insert(entry.second->precision());
+    levels.insert(entry.second->isa());
+  }
+  CHECK(unused.size() == kNotShipped.size());  // or there is no such kernel
+  CHECK(precisions.size() == 3);
+  // All that this CPU runs are among them.
+  for (const Isa isa : available_isas()) CHECK(levels.contains(isa));
 }
 
 TEST_CASE("a NaN or an infinity in any input reaches what the definition says, at every kernel") {
