@@ -163,9 +163,13 @@ void add_model(CLI::App& command, Arguments& a) {
 int run(CLI::App& app, int argc, char** argv) {
   Arguments a;
   CLI::App* op = app.add_subcommand("op", "check operators and their kernels on case files");
-  op->add_option("CASE", a.cases, "case files (.safetensors), or folders of them")->required();
+  op->add_option("CASE", a.cases,
+                 "case files (.safetensors), ONNX node tests (model.onnx), or folders of them")
+      ->required();
   CLI::App* judge = app.add_subcommand("judge", "judge somebody else's result of a case, element by element");
-  judge->add_option("CASE", a.cases, "case file (.safetensors)")->required()->expected(1);
+  judge->add_option("CASE", a.cases, "case file (.safetensors), or an ONNX node test (model.onnx)")
+      ->required()
+      ->expected(1);
   judge->add_option("--actual", a.actual,
                     "the result: .npy, or safetensors with one tensor or one named actual; default: the "
                     "tensor actual in CASE");

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <filesystem>
 
+#include "ops/onnx/onnx_case.h"
 #include "runtime/error.h"
 #include "runtime/safetensors.h"
 #include "runtime/safetensors_writer.h"
@@ -12,6 +13,7 @@ namespace {
 
 constexpr const char* kExpected = "expected";
 constexpr const char* kActual = "actual";
+constexpr const char* kOnnxModel = "model.onnx";
 constexpr const char* kScale = "scale";
 
 std::string metadata_or(const SafetensorsFile& file, std::string_view key, const std::string& otherwise) {
@@ -32,6 +34,11 @@ SafetensorsFile open_input(const std::string& path) {
 }  // namespace
 
 OperatorCase read_case(const std::string& path) {
+  const std::filesystem::path file_or_folder(path);
+  std::error_code ignored;
+  if (std::filesystem::is_directory(file_or_folder, ignored))
+    return read_onnx_case((file_or_folder / kOnnxModel).string());
+  if (file_or_folder.extension() == ".onnx") return read_onnx_case(path);
   const SafetensorsFile file = open_input(path);
   OperatorCase result;
   result.op = metadata_or(file, "op", "");
@@ -78,10 +85,12 @@ std::vector<std::string> case_files(const std::string& path) {
   if (!fs::is_directory(status)) return {path};
   std::vector<std::string> files;
   for (fs::recursive_directory_iterator it(path, error), end; !error && it != end; it.increment(error))
-    if (it->path().extension() == ".safetensors" && !it->is_directory(error))
+    if ((it->path().extension() == ".safetensors" || it->path().filename() == kOnnxModel) &&
+        !it->is_directory(error))
       files.push_back(it->path().string());
   if (error) throw Error(ErrorKind::kBadInput, path + ": cannot read the folder: " + error.message());
-  if (files.empty()) throw Error(ErrorKind::kBadInput, path + ": the folder holds no .safetensors file");
+  if (files.empty())
+    throw Error(ErrorKind::kBadInput, path + ": the folder holds no .safetensors file and no model.onnx");
   std::sort(files.begin(), files.end());
   return files;
 }

@@ -23,7 +23,8 @@ struct OperatorCase {
   Tensor scale = {};  ///< Op::error_scale() for readers without a definition: written if given, never read
 };
 
-/// Reads a case; the tensors are views of the mapped file. Throws Error(kBadInput) naming the file if it is
+/// Reads a case; the tensors are views of the mapped file. A file model.onnx, or a folder that holds one, is
+/// read as one of ONNX's node tests (ops/onnx/onnx_case.h). Throws Error(kBadInput) naming the file if it is
 /// not a sound safetensors file, has no metadata "op", no tensor "expected", or one that is not F64 or F32.
 [[nodiscard]] OperatorCase read_case(const std::string& path);
 
@@ -35,8 +36,8 @@ struct OperatorCase {
 /// written.
 void write_case(const std::string& path, const OperatorCase& operator_case);
 
-/// The case files that a path stands for: itself, or if it is a folder, every *.safetensors in it and below,
-/// sorted. Throws Error(kBadInput) if there is no such file or the folder holds none.
+/// The case files that a path stands for: itself, or if it is a folder, every *.safetensors and model.onnx
+/// in it and below, sorted. Throws Error(kBadInput) if there is no such file or the folder holds none.
 [[nodiscard]] std::vector<std::string> case_files(const std::string& path);
 
 }  // namespace slide::ops

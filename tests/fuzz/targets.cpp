@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "ops/case_io.h"
+#include "ops/onnx/onnx_file.h"
 #include "render/camera_path.h"
 #include "render/codec.h"
 #include "render/exif.h"
@@ -155,6 +156,20 @@ Target checkpoints() {
       {file("checkpoints/tiny_zip.pt"), file("checkpoints/tiny_stream.pt"), file("checkpoints/module.pt")}};
 }
 
+/// A tensor of ONNX's, and the model that stands in the same bytes.
+Target onnx() {
+  return {"onnx",
+          [](Input bytes) {
+            const std::span<const std::byte> message = std::as_bytes(bytes);
+            const bool model = taken([&] { (void)ops::parse_onnx_node(message, "model"); });
+            return taken([&] { (void)ops::parse_onnx_tensor(message, "tensor"); }) || model;
+          },
+          {text("\x08\x02\x10\x01\x4a\x08"
+                "abcdefgh"),
+           text("\x3a\x14\x0a\x12\x0a\x01x\x22\x04Relu\x2a\x07\x0a\x01"
+                "a\x42\x02\x01\x02")}};
+}
+
 Target cases() {
   return {"cases",
           [](Input bytes) {
@@ -189,6 +204,7 @@ std::vector<Target> targets() {
       safetensors(),
       checkpoints(),
       cases(),
+      onnx(),
       poses()};
   if (has_openimageio()) all.push_back(through_openimageio());
   return all;

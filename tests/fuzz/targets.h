@@ -20,7 +20,7 @@ struct Target {
 };
 
 /// All targets: JPEG and PNG photos, maps (PFM, NumPy), what is read through OpenImageIO, EXIF, ICC profiles,
-/// safetensors, checkpoints, operator cases, camera poses.
+/// safetensors, checkpoints, operator cases, ONNX models and tensors, camera poses.
 [[nodiscard]] std::vector<Target> targets();
 
 }  // namespace slide::fuzz
