@@ -4,9 +4,11 @@
 #include <array>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <span>
 #include <string_view>
 #include <vector>
 
+#include "render/base64.h"
 #include "render/codec.h"
 #include "render/viewer/viewer.h"
 #include "render/write_image.h"
@@ -131,19 +133,6 @@ std::string filled(std::string_view page, std::span<const std::array<std::string
 }
 
 }  // namespace
-
-std::string base64(std::span<const std::uint8_t> bytes) {
-  constexpr std::string_view kAlphabet = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-  std::string out;
-  out.reserve((bytes.size() + 2) / 3 * 4);
-  for (std::size_t i = 0; i < bytes.size(); i += 3) {
-    const std::size_t n = std::min<std::size_t>(3, bytes.size() - i);
-    unsigned group = 0;
-    for (std::size_t k = 0; k < 3; ++k) group = group << 8U | (k < n ? bytes[i + k] : 0U);
-    for (unsigned k = 0; k < 4; ++k) out += k <= n ? kAlphabet[group >> (18U - 6U * k) & 63U] : '=';
-  }
-  return out;
-}
 
 std::string encode_html(const Layers& layers, const Camera& camera, const HtmlOptions& options) {
   check_layers(layers);

@@ -1,7 +1,5 @@
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 
 #include "render/camera.h"
@@ -33,8 +31,5 @@ struct HtmlOptions {
 /// The same into a file that appears when it is complete.
 void write_html(const std::string& path, const Layers& layers, const Camera& camera,
                 const HtmlOptions& options = {});
-
-/// RFC 4648, section 4.
-[[nodiscard]] std::string base64(std::span<const std::uint8_t> bytes);
 
 }  // namespace slide

@@ -16,6 +16,7 @@
 #include "ops/npy.h"
 #include "render/codec.h"
 #include "render/cutout.h"
+#include "render/embedded_depth.h"
 #include "render/oiio.h"
 #include "runtime/error.h"
 
@@ -194,6 +195,30 @@ Image to_map(Decoded decoded, const std::string& name) {
   return map;
 }
 
+/// The depth map that a photo's file holds, turned as the photo is; empty if it holds none.
+Image embedded_disparity(std::span<const std::uint8_t> photo, int orientation, const std::string& name,
+                         const SizeCheck& check) {
+  const std::optional<EmbeddedDepth> depth = find_embedded_depth(photo, name);
+  if (!depth) return {};
+  const std::string map_name = "the depth map in " + name;
+  std::optional<Decoded> decoded = decode_known(depth->file, map_name, check);
+  if (!decoded) unknown_format(map_name);
+  decoded->exif.orientation = orientation;
+  return disparity_of(*depth, to_map(std::move(*decoded), map_name), name);
+}
+
+/// A photo of a format that is read from its bytes, nothing for other formats.
+std::optional<Photo> known_photo(std::span<const std::uint8_t> bytes, const std::string& name,
+                                 const SizeCheck& check, EmbeddedMap map) {
+  std::optional<Decoded> decoded = decode_known(bytes, name, check);
+  if (!decoded) return std::nullopt;
+  const int orientation = decoded->exif.orientation;
+  Photo photo = to_photo(std::move(*decoded), name);
+  photo.has_depth = has_embedded_depth(bytes);
+  if (map == EmbeddedMap::kRead) photo.disparity = embedded_disparity(bytes, orientation, name, check);
+  return photo;
+}
+
 /// decode_known(), and PFM.
 std::optional<Decoded> decode_known_map(std::span<const std::uint8_t> bytes, const std::string& name) {
   if (is_pfm(bytes)) return Decoded{decode_pfm(bytes, name), {}, {}};
@@ -274,11 +299,12 @@ Image oriented(Image image, int orientation) {
   return out;
 }
 
-Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check) {
+Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check,
+                   EmbeddedMap map) {
   return guarded(name, [&] {
-    std::optional<Decoded> decoded = decode_known(bytes, name, check);
-    if (!decoded) unknown_format(name);
-    return to_photo(std::move(*decoded), name);
+    std::optional<Photo> photo = known_photo(bytes, name, check, map);
+    if (!photo) unknown_format(name);
+    return std::move(*photo);
   });
 }
 
@@ -290,10 +316,10 @@ Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name) {
   });
 }
 
-Photo read_photo(const std::string& path, const SizeCheck& check) {
+Photo read_photo(const std::string& path, const SizeCheck& check, EmbeddedMap map) {
   return guarded(path, [&] {
-    std::optional<Decoded> decoded = decode_known(read_whole(path), path, check);
-    return to_photo(decoded ? std::move(*decoded) : read_through_openimageio(path, true, check), path);
+    std::optional<Photo> photo = known_photo(read_whole(path), path, check, map);
+    return photo ? std::move(*photo) : to_photo(read_through_openimageio(path, true, check), path);
   });
 }
 

@@ -16,7 +16,12 @@ struct Photo {
   Image colour;  ///< H×W×3, [0, 1], sRGB-encoded
   Image alpha;   ///< H×W×1, [0, 1], the file's own transparency; empty where the file is opaque
   std::optional<double> horizontal_fov;  ///< radians, from EXIF; nothing where EXIF does not say
+  bool has_depth = false;  ///< the file says that it holds a depth map (render/embedded_depth.h)
+  Image disparity;         ///< H×W×1 of a size of its own, that map; empty unless it is there and asked for
 };
+
+/// What becomes of a depth map that a photo holds.
+enum class EmbeddedMap { kIgnored, kRead };
 
 inline constexpr int kMaxImageSide = 30000;
 inline constexpr std::int64_t kMaxImagePixels = std::int64_t{1} << 27;  ///< 134 megapixels
@@ -34,11 +39,14 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 /// linear light, as in OpenEXR, become sRGB, clipped to [0, 1]; other profiles are not applied. Transparent
 /// pixels are filled from the opaque ones around (render/cutout.h), and the transparency is kept beside.
 ///
+/// A depth map in the file is turned as the photo is, and the check is asked for its size, too.
+///
 /// @throws Error(kBadInput) naming the file: missing, truncated or damaged, CMYK, more than kMaxImageSide
 /// pixels a
 ///         side or kMaxImagePixels in all, or of a format this build does not read
 /// @throws Error(kOutOfMemory)
-[[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {});
+[[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {},
+                               EmbeddedMap map = EmbeddedMap::kIgnored);
 
 /// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
 /// give [0, 1]; PFM (of either byte order) and NumPy's .npy (height×width of floats) give their values as
@@ -52,7 +60,7 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 
 /// The same from bytes in memory; `name` is what messages call them. JPEG, PNG and (maps only) PFM.
 [[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name,
-                                 const SizeCheck& check = {});
+                                 const SizeCheck& check = {}, EmbeddedMap map = EmbeddedMap::kIgnored);
 [[nodiscard]] Image decode_map(std::span<const std::uint8_t> bytes, const std::string& name);
 
 /// The image turned as the EXIF Orientation tag (1..8) says it should be shown. Other values mean 1.

@@ -125,7 +125,7 @@ void check_count(const Options& o, std::size_t photos) {
     throw Error(ErrorKind::kUsage,
                 std::string(option) + " belongs to one photo, and there are " + std::to_string(photos));
   };
-  if (!o.depth.empty()) refuse("--depth");
+  if (depth_is_file(o)) refuse("--depth FILE");
   if (o.matte != "none" && o.matte != "auto") refuse("--matte FILE");
   if (!o.layers.empty()) refuse("--layers");
 }
@@ -147,6 +147,10 @@ void check_idle(const CLI::App& app, const Options& o) {
     for (const char* option :
          {"--saliency-weights", "--saliency-model", "--matting-weights", "--matting-model"})
       refuse(option, "it is for --matte auto");
+  if (!o.depth.empty() && o.depth != kDepthAuto)
+    for (const char* option : {"--depth-weights", "--depth-model"})
+      refuse(option, "--depth " + o.depth + " takes the network's place");
+  if (!depth_is_file(o)) refuse("--depth-kind", "it is for --depth FILE");
   if (o.inpaint_model == kFillAlone) refuse("--inpaint-weights", "--inpaint-model fill has none");
   if (!draws(o))
     for (const char* option : {"--fps", "--size", "--keep-edges", "--supersample", "--mesh-tolerance"})

@@ -31,7 +31,10 @@ class Job {
 
   void read() {
     const Timer timer(*this, "reading");
-    const Photo photo = read_photo(input_, [this](int width, int height) { check_header(width, height); });
+    const bool own_depth = options_.depth == kDepthEmbedded || options_.depth == kDepthAuto;
+    const Photo photo = read_photo(
+        input_, [this](int width, int height) { check_header(width, height); },
+        own_depth ? EmbeddedMap::kRead : EmbeddedMap::kIgnored);
     report_.photo_width = photo.colour.width;
     report_.photo_height = photo.colour.height;
     const Image colour = shrink_to(photo.colour, options_.max_side);
@@ -39,13 +42,10 @@ class Job {
     report_.height = colour.height;
     choose_camera(photo);
     tensors_.image = tensor_from_image(colour);
-    if (!options_.depth.empty())
-      tensors_.disparity = disparity_from_map(read_map(options_.depth), depth_kind(options_.depth_kind),
-                                              report_.width, report_.height, options_.depth);
+    take_depth(photo);
     if (options_.matte != "none" && options_.matte != "auto")
       tensors_.matte =
           matte_from_map(read_matte(options_.matte), report_.width, report_.height, options_.matte);
-    report_.depth_origin = options_.depth.empty() ? describe(models_.choices().depth) : options_.depth;
     report_.matting_origin = describe(models_.choices().matting);
   }
 
@@ -163,6 +163,25 @@ class Job {
     report_.parallax = largest_parallax(camera_, views_);
     report_.edge_zoom = options_.keep_edges ? 1 : edge_zoom(camera_, views_);
     check_coverage();
+  }
+
+  /// The disparity that comes from a map: a file's or the photo's own.
+  void take_depth(const Photo& photo) {
+    const auto given = [this](const Image& map, DepthKind kind, const std::string& name) {
+      tensors_.disparity = disparity_from_map(map, kind, report_.width, report_.height, name);
+      report_.depth_origin = name;
+    };
+    if (depth_is_file(options_)) {
+      given(read_map(options_.depth), depth_kind(options_.depth_kind), options_.depth);
+    } else if (!photo.disparity.empty()) {
+      given(photo.disparity, DepthKind::kDisparity, "the depth map in the photo");
+    } else if (options_.depth == kDepthEmbedded) {
+      throw Error(ErrorKind::kBadInput, input_ + " holds no depth map (GDepth or Dynamic Depth in a JPEG)",
+                  "give one with --depth FILE, or leave --depth out and the network estimates it");
+    } else {
+      report_.depth_origin = describe(models_.choices().depth);
+      report_.depth_left_alone = photo.has_depth;
+    }
   }
 
   /// Refuses a path on which more than half of a frame would be empty.

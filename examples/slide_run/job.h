@@ -25,6 +25,7 @@ struct JobReport {
   double coverage = 1;  ///< least_coverage() of the frames
   graphs::SlideReport slide;
   std::string depth_origin;
+  bool depth_left_alone = false;  ///< the photo's file holds a depth map that was not used
   std::string matting_origin;
   std::vector<graphs::StageReport> stages;  ///< reading to writing, the networks in between
   std::size_t triangles = 0;

@@ -3,7 +3,8 @@
 namespace slide::run {
 
 Models::Models(const Options& o) {
-  if (o.depth.empty()) choices_.depth = files_.open(o.depth_weights, o.depth_model, "slide_depth", "depth");
+  if (o.depth.empty() || o.depth == kDepthAuto)
+    choices_.depth = files_.open(o.depth_weights, o.depth_model, "slide_depth", "depth");
   if (o.inpaint_model != kFillAlone)
     choices_.inpaint = files_.open(o.inpaint_weights, o.inpaint_model, "slide_inpaint", "inpaint");
   if (o.matte == "auto") {

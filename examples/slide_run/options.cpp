@@ -38,9 +38,13 @@ CLI::Validator within(double low, double high) {
 void declare_input(CLI::App& app, Options& o) {
   app.add_option("photo", o.inputs, "Photos, or folders of photos")->type_name("FILE");
   const char* group = "Input";
-  app.add_option("--depth", o.depth, "Depth map of the photo instead of a depth network: PNG, PFM, EXR")
+  app.add_option(
+         "--depth", o.depth,
+         "Depth map of the photo instead of a depth network: a file (PNG, PFM, NPY, EXR), embedded (the map "
+         "that "
+         "a phone has put into a portrait JPEG), or auto (that map where there is one, else the network)")
       ->group(group)
-      ->type_name("FILE");
+      ->type_name("FILE|embedded|auto");
   app.add_option(
          "--depth-kind", o.depth_kind,
          "What its numbers are: disparity (larger is nearer), inverted (larger is farther, as pictures in "
@@ -249,12 +253,15 @@ void declare_help(CLI::App& app, Options& o) {
 void declare_dependencies(CLI::App& app) {
   CLI::Option* const depth = app.get_option("--depth");
   app.get_option("--depth-kind")->needs(depth);
-  for (const char* network : {"--depth-weights", "--depth-model"}) app.get_option(network)->excludes(depth);
   CLI::Option* const stereo = app.get_option("--stereo");
   for (const char* moving : {"--path", "--frames", "--fps"}) app.get_option(moving)->excludes(stereo);
 }
 
 }  // namespace
+
+bool depth_is_file(const Options& options) {
+  return !options.depth.empty() && options.depth != kDepthEmbedded && options.depth != kDepthAuto;
+}
 
 void declare(CLI::App& app, Options& options) {
   app.description("Turns a photo into a 3D photo.");

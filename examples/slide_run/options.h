@@ -77,6 +77,13 @@ struct Options {
   bool completion = false;
 };
 
+/// What --depth says instead of a file: the map that the photo's own file holds, or that or the network.
+inline constexpr const char* kDepthEmbedded = "embedded";
+inline constexpr const char* kDepthAuto = "auto";
+
+/// Whether --depth names a file.
+[[nodiscard]] bool depth_is_file(const Options& options);
+
 /// Declares all options on a command-line parser, grouped as the struct is.
 void declare(CLI::App& app, Options& options);
 

@@ -145,6 +145,8 @@ void print_summary(const JobReport& r, bool explained) {
     else
       std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
   if (explained) explain(r);
+  if (r.depth_left_alone)
+    std::fprintf(stderr, "the photo holds a depth map of its own: --depth embedded uses it\n");
   if (r.coverage < 0.995)
     std::fprintf(
         stderr,

@@ -5,10 +5,12 @@
 #include <iterator>
 #include <nlohmann/json.hpp>
 
+#include "render/codec.h"
 #include "render/image_file.h"
 #include "render/write_image.h"
 #include "runtime/cpu.h"
 #include "tests/examples/program.h"
+#include "tests/render/phone_photo.h"
 #include "weights/default_weights.h"
 
 using namespace slide;
@@ -101,6 +103,50 @@ TEST_CASE("the network inside inpaints, or the fill alone") {
   const bool inside = !default_weights("slide_inpaint").empty();
   CHECK(inpainting({}) == (inside ? "slide_inpaint" : "fill"));
   CHECK(inpainting({"--inpaint-model", "fill"}) == "fill");
+}
+
+TEST_CASE("the depth map that a phone has put into a JPEG is used when asked for, and told of when not") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const std::vector<std::uint8_t> jpeg = encode_jpeg(read_photo(scene.photo).colour, 90);
+  const std::vector<std::uint8_t> map = encode_png(read_map(scene.depth), 16);
+  write_bytes(folder.file("phone.jpg"), phone::gdepth(jpeg, map, "GDepth:Near='1' GDepth:Far='9'"));
+  write_bytes(folder.file("plain.jpg"), jpeg);
+  const auto run = [&](const std::string& photo, const std::vector<std::string>& more) {
+    std::vector<std::string> call = {folder.file(photo),
+                                     "-o",
+                                     folder.file("{}.y4m"),
+                                     "--frames",
+                                     "2",
+                                     "--inpaint-model",
+                                     "fill",
+                                     "--layers",
+                                     folder.file("layers")};
+    call.insert(call.end(), more.begin(), more.end());
+    return slide_run(call);
+  };
+  const ProgramResult used = run("phone.jpg", {"--depth", "embedded"});
+  REQUIRE_MESSAGE(used.code == 0, used.errors);
+  CHECK(contains(used.errors, "depth from the depth map in the photo"));
+  // RangeInverse: black is near, and the disc of disparity 1 is white.
+  const Image d = read_map(folder.file("layers/D.pfm"));
+  CHECK(d.at(48, 32) == 0.0F);
+  CHECK(d.at(2, 2) == 1.0F);
+  const ProgramResult none = run("plain.jpg", {"--depth", "embedded"});
+  CHECK(none.code == 3);
+  CHECK(contains(none.errors, "plain.jpg holds no depth map"));
+  const std::vector<std::string> network = {"--depth-weights", "formula", "--depth-model", "slide_depth"};
+  const ProgramResult estimated = run("phone.jpg", network);
+  REQUIRE_MESSAGE(estimated.code == 0, estimated.errors);
+  CHECK(contains(estimated.errors, "--depth embedded uses it"));
+  for (const char* photo : {"phone.jpg", "plain.jpg"}) {
+    const ProgramResult either =
+        run(photo, {"--depth", "auto", "--depth-weights", "formula", "--depth-model", "slide_depth"});
+    REQUIRE_MESSAGE(either.code == 0, either.errors);
+    CHECK(contains(either.errors, "depth from the depth map in the photo") == (photo[1] == 'h'));
+  }
+  CHECK(run("phone.jpg", {"--depth", "embedded", "--depth-kind", "depth"}).code == 2);
+  CHECK(run("phone.jpg", {"--depth", "embedded", "--depth-model", "slide_depth"}).code == 2);
 }
 
 TEST_CASE("the same bytes come out at one and at three threads") {

@@ -21,6 +21,7 @@
 #include "render/oiio.h"
 #include "runtime/error.h"
 #include "runtime/safetensors.h"
+#include "tests/render/phone_photo.h"
 #include "weights_tools/weight_reader.h"
 
 namespace slide::fuzz {
@@ -70,8 +71,13 @@ void only_small(int width, int height) {
   if (width > 1024 || height > 1024) throw Error(ErrorKind::kOutOfMemory, "too large for this test");
 }
 
+Bytes small_jpeg() { return encode_jpeg(Image(8, 8, 1, 0.25F), 90); }
+
 Target photos(const std::string& name, std::vector<Bytes> seeds) {
-  return {name, [](Input bytes) { return taken([&] { (void)decode_photo(bytes, "input", only_small); }); },
+  return {name,
+          [](Input bytes) {
+            return taken([&] { (void)decode_photo(bytes, "input", only_small, EmbeddedMap::kRead); });
+          },
           std::move(seeds)};
 }
 
@@ -195,7 +201,10 @@ Target poses() {
 std::vector<Target> targets() {
   std::vector<Target> all = {
       photos("jpeg",
-             {file("images/orientation_6.jpg"), file("images/progressive.jpg"), file("images/grey.jpg")}),
+             {file("images/orientation_6.jpg"), file("images/progressive.jpg"), file("images/grey.jpg"),
+              phone::gdepth(small_jpeg(), encode_png(Image(3, 2, 1, 0.5F), 16),
+                            "GDepth:Format='RangeLinear' GDepth:Near='2' GDepth:Far='10'"),
+              phone::dynamic_depth(small_jpeg(), {}, small_jpeg(), "DepthMap:Format='RangeInverse'")}),
       photos("png", {file("images/rgb_16_interlaced.png"), file("images/palette_4.png"),
                      file("images/orientation_8.png"), file("images/grey_alpha_8.png")}),
       maps(),

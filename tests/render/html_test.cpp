@@ -7,6 +7,7 @@
 #include <nlohmann/json.hpp>
 #include <string_view>
 
+#include "render/base64.h"
 #include "render/image_file.h"
 #include "runtime/error.h"
 #include "tests/render/decoders.h"
