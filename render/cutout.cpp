@@ -1,6 +1,7 @@
 #include "render/cutout.h"
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <utility>
 #include <vector>
@@ -18,19 +19,23 @@ struct Level {
 Level pulled(const Level& fine) {
   const int width = (fine.colour.width + 1) / 2;
   const int height = (fine.colour.height + 1) / 2;
-  Level coarse{Image(width, height, 3), Image(width, height, 1)};
+  const int channels = fine.colour.channels;
+  Level coarse{Image(width, height, channels), Image(width, height, 1)};
   for (int y = 0; y < height; ++y)
     for (int x = 0; x < width; ++x) {
-      float sum = 0;
-      float colours[3] = {};
+      double sum = 0;
+      std::array<double, 4> colours{};  // in double: maps may lie at the end of float's range
       for (int v = 2 * y; v < std::min(2 * y + 2, fine.colour.height); ++v)
         for (int u = 2 * x; u < std::min(2 * x + 2, fine.colour.width); ++u) {
-          const float w = fine.weight.at(u, v);
+          const double w = fine.weight.at(u, v);
           sum += w;
-          for (int c = 0; c < 3; ++c) colours[c] += w * fine.colour.at(u, v, c);
+          for (int c = 0; c < channels; ++c)
+            colours[static_cast<std::size_t>(c)] += w * static_cast<double>(fine.colour.at(u, v, c));
         }
-      coarse.weight.at(x, y) = std::min(sum, 1.0F);
-      for (int c = 0; c < 3; ++c) coarse.colour.at(x, y, c) = sum > 0 ? colours[c] / sum : 0;
+      coarse.weight.at(x, y) = static_cast<float>(std::min(sum, 1.0));
+      for (int c = 0; c < channels; ++c)
+        coarse.colour.at(x, y, c) =
+            sum > 0 ? static_cast<float>(colours[static_cast<std::size_t>(c)] / sum) : 0;
     }
   return coarse;
 }
@@ -56,7 +61,7 @@ void push(const Image& coarse, Level& fine) {
       const float w = fine.weight.at(x, y);
       if (w >= 1) continue;
       const Between u = between(x, coarse.width);
-      for (int c = 0; c < 3; ++c) {
+      for (int c = 0; c < coarse.channels; ++c) {
         const float upper =
             (1 - u.share) * coarse.at(u.first, v.first, c) + u.share * coarse.at(u.second, v.first, c);
         const float lower =

@@ -176,22 +176,11 @@ void require_equal_channels(const Image& image, const std::string& name) {
   }
 }
 
-void require_finite(const Image& map, const std::string& name) {
-  const auto bad = std::find_if(map.data.begin(), map.data.end(), [](float v) { return !std::isfinite(v); });
-  if (bad == map.data.end()) return;
-  const auto i = bad - map.data.begin();
-  throw Error(ErrorKind::kBadInput,
-              name + ": the value at pixel (" + std::to_string(i % map.width) + ", " +
-                  std::to_string(i / map.width) + ") is " +
-                  (std::isnan(*bad) ? "not a number (NaN)" : "infinite"),
-              "replace such pixels by a value, for example that of the farthest point");
-}
-
-Image to_map(Decoded decoded, const std::string& name) {
+Image to_map(Decoded decoded, const std::string& name, NonFinite values = NonFinite::kRefused) {
   require_equal_channels(decoded.image, name);
   Image map = oriented(decoded.image.channels == 1 ? std::move(decoded.image) : channel_of(decoded.image, 0),
                        decoded.exif.orientation);
-  require_finite(map, name);
+  if (values == NonFinite::kRefused) require_finite(map, name);
   return map;
 }
 
@@ -250,6 +239,17 @@ void check_image_size(std::int64_t width, std::int64_t height, const std::string
                     " in all are read",
                 "make it smaller first");
   }
+}
+
+void require_finite(const Image& map, const std::string& name) {
+  const auto bad = std::find_if(map.data.begin(), map.data.end(), [](float v) { return !std::isfinite(v); });
+  if (bad == map.data.end()) return;
+  const auto i = bad - map.data.begin();
+  throw Error(ErrorKind::kBadInput,
+              name + ": the value at pixel (" + std::to_string(i % map.width) + ", " +
+                  std::to_string(i / map.width) + ") is " +
+                  (std::isnan(*bad) ? "not a number (NaN)" : "infinite"),
+              "replace such pixels by a value, for example that of the farthest point");
 }
 
 std::vector<std::uint8_t> read_file(const std::string& path) {
@@ -323,8 +323,8 @@ Photo read_photo(const std::string& path, const SizeCheck& check, EmbeddedMap ma
   });
 }
 
-Image read_map(const std::string& path) {
-  return guarded(path, [&] { return to_map(read_any_map(path), path); });
+Image read_map(const std::string& path, NonFinite values) {
+  return guarded(path, [&] { return to_map(read_any_map(path), path, values); });
 }
 
 Image read_matte(const std::string& path) {

@@ -48,12 +48,16 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 [[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {},
                                EmbeddedMap map = EmbeddedMap::kIgnored);
 
+/// What becomes of NaN and infinity in a map.
+enum class NonFinite { kRefused, kKept };
+
 /// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
 /// give [0, 1]; PFM (of either byte order) and NumPy's .npy (height×width of floats) give their values as
 /// they are; EXR and others through OpenImageIO, in builds with it. Colour files are accepted if their three
 /// channels are equal; transparency is ignored. Orientation is applied.
-/// @throws Error(kBadInput) as above, and for a NaN or infinite value, naming the first such pixel
-[[nodiscard]] Image read_map(const std::string& path);
+/// @throws Error(kBadInput) as above, and for a NaN or infinite value that is not kept, naming the first such
+/// pixel
+[[nodiscard]] Image read_map(const std::string& path, NonFinite values = NonFinite::kRefused);
 
 /// Reads a matte, H×W×1: the transparency of a file that has some, else as read_map() does.
 [[nodiscard]] Image read_matte(const std::string& path);
@@ -68,6 +72,9 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 
 /// Refuses sizes outside of the limits above. @throws Error(kBadInput) naming `name`
 void check_image_size(std::int64_t width, std::int64_t height, const std::string& name);
+
+/// Refuses a map with NaN or infinity. @throws Error(kBadInput) naming `name` and the first such pixel
+void require_finite(const Image& map, const std::string& name);
 
 /// The bytes of a file or of a pipe. @throws Error(kBadInput) if it cannot be read, is a directory or a
 /// device, holds more than kMaxFileBytes, or is a pipe that says nothing for ten seconds

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <filesystem>
 
+#include "render/cutout.h"
 #include "render/oiio.h"
 #include "render/write_image.h"
 #include "runtime/error.h"
@@ -82,6 +83,28 @@ std::vector<Cover> covers(int n, int m) {
   return all;
 }
 
+bool is_missing(float value, DepthKind kind) {
+  return std::isnan(value) || (kind == DepthKind::kDepth && value == 0);
+}
+
+/// The disparity that a value that is not missing stands for.
+float disparity_of_value(const Image& map, std::size_t i, DepthKind kind, const std::string& name) {
+  const float v = map.data[i];
+  const bool depth = kind == DepthKind::kDepth;
+  if (depth ? v < 0 : std::isinf(v)) {
+    const std::size_t width = static_cast<std::size_t>(map.width);
+    throw Error(ErrorKind::kBadInput,
+                name + ": the " + (depth ? "depth" : "disparity") + " at pixel (" +
+                    std::to_string(i % width) + ", " + std::to_string(i / width) + ") is " +
+                    (std::isinf(v) ? "infinite" : std::to_string(v)),
+                depth ? "depths must be positive, 0 where they are missing; for a disparity map use "
+                        "--depth-kind disparity"
+                      : "replace such pixels by a value, or by NaN where there is none");
+  }
+  if (depth) return 1 / v;
+  return kind == DepthKind::kInverted ? -v : v;
+}
+
 }  // namespace
 
 Tensor tensor_from_image(const Image& image) {
@@ -114,21 +137,26 @@ DepthKind depth_kind(const std::string& name) {
   throw Error(ErrorKind::kUsage, "a map cannot be of the kind " + name, "one of: disparity, depth, inverted");
 }
 
+std::size_t missing_values(const Image& map, DepthKind kind) {
+  return static_cast<std::size_t>(
+      std::count_if(map.data.begin(), map.data.end(), [kind](float v) { return is_missing(v, kind); }));
+}
+
 Tensor disparity_from_map(const Image& map, DepthKind kind, int width, int height, const std::string& name) {
   require_same_aspect(map, width, height, name);
-  Image disparity = map;
-  if (kind == DepthKind::kDepth)
-    for (int y = 0; y < map.height; ++y)
-      for (int x = 0; x < map.width; ++x) {
-        if (!(map.at(x, y) > 0))
-          throw Error(ErrorKind::kBadInput,
-                      name + ": the depth at pixel (" + std::to_string(x) + ", " + std::to_string(y) +
-                          ") is " + std::to_string(map.at(x, y)),
-                      "depths must be positive; for a disparity map use --depth-kind disparity");
-        disparity.at(x, y) = 1 / map.at(x, y);
-      }
-  if (kind == DepthKind::kInverted)
-    for (float& v : disparity.data) v = -v;
+  const std::size_t missing = missing_values(map, kind);
+  if (missing == map.data.size())
+    throw Error(ErrorKind::kBadInput, name + " holds no value: all of its pixels are 0 or not a number",
+                "give a map of the whole photo");
+  Image disparity(map.width, map.height, 1);
+  Image known(map.width, map.height, 1, 1.0F);
+  for (std::size_t i = 0; i < map.data.size(); ++i) {
+    if (is_missing(map.data[i], kind))
+      known.data[i] = 0;
+    else
+      disparity.data[i] = disparity_of_value(map, i, kind, name);
+  }
+  if (missing > 0) disparity = over_own_colours(disparity, known);
   return tensor_from_image(resized(disparity, width, height));
 }
 

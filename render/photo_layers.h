@@ -20,18 +20,21 @@ namespace slide {
 /// What the numbers of a given map mean.
 enum class DepthKind {
   kDisparity,  ///< larger is nearer
-  kDepth,      ///< distance, larger is farther; must be positive everywhere
+  kDepth,      ///< distance, larger is farther; 0 where it is missing
   kInverted,   ///< disparity with the sign turned: larger is farther, black is near
 };
 /// @throws Error(kUsage) unless the name is "disparity", "inverted" or "depth"
 [[nodiscard]] DepthKind depth_kind(const std::string& name);
 
-/// A map given by the user as disparity at the photo's size: depth z becomes 1/z, then bilinear resampling if
-/// the sizes differ. Not normalised: make_layers() does that.
+/// How many values of a map are missing: NaN, and of distances 0, by which sensors say that they saw nothing.
+[[nodiscard]] std::size_t missing_values(const Image& map, DepthKind kind);
+
+/// A map given by the user as disparity at the photo's size: depth z becomes 1/z (0 where it is infinite);
+/// missing values are continued from those around, in disparity, by pull-push (render/cutout.h); then
+/// bilinear resampling if the sizes differ. Not normalised: make_layers() does that.
 /// @param name  the file, for messages
-/// @throws Error(kBadInput) if the aspect ratios differ by more than 6 %, or a depth is not positive (naming
-/// the first
-///   such pixel)
+/// @throws Error(kBadInput) if the aspect ratios differ by more than 6 %, a depth is negative or a disparity
+///   infinite (naming the first such pixel), or all values are missing
 [[nodiscard]] Tensor disparity_from_map(const Image& map, DepthKind kind, int width, int height,
                                         const std::string& name);
 

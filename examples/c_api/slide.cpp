@@ -139,6 +139,7 @@ slide_status slide_create(const float* rgb, const float* disparity, int width, i
     if (disparity != nullptr) {
       map = slide::Image(width, height, 1);
       map.data.assign(disparity, disparity + map.data.size());
+      slide::require_finite(map, "the disparity");
     }
     *photo = create(colour, map, s.fov_degrees > 0 ? s.fov_degrees : slide::kDefaultFov, s).release();
   });

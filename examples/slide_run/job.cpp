@@ -170,9 +170,11 @@ class Job {
     const auto given = [this](const Image& map, DepthKind kind, const std::string& name) {
       tensors_.disparity = disparity_from_map(map, kind, report_.width, report_.height, name);
       report_.depth_origin = name;
+      report_.depth_values = map.pixels();
+      report_.depth_missing = missing_values(map, kind);
     };
     if (depth_is_file(options_)) {
-      given(read_map(options_.depth), depth_kind(options_.depth_kind), options_.depth);
+      given(read_map(options_.depth, NonFinite::kKept), depth_kind(options_.depth_kind), options_.depth);
     } else if (!photo.disparity.empty()) {
       given(photo.disparity, DepthKind::kDisparity, "the depth map in the photo");
     } else if (options_.depth == kDepthEmbedded) {

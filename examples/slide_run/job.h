@@ -25,6 +25,8 @@ struct JobReport {
   double coverage = 1;  ///< least_coverage() of the frames
   graphs::SlideReport slide;
   std::string depth_origin;
+  std::size_t depth_values = 0;   ///< of the depth map
+  std::size_t depth_missing = 0;  ///< of those, filled from around them
   bool depth_left_alone = false;  ///< the photo's file holds a depth map that was not used
   std::string matting_origin;
   std::vector<graphs::StageReport> stages;  ///< reading to writing, the networks in between

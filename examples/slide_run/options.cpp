@@ -48,7 +48,7 @@ void declare_input(CLI::App& app, Options& o) {
   app.add_option(
          "--depth-kind", o.depth_kind,
          "What its numbers are: disparity (larger is nearer), inverted (larger is farther, as pictures in "
-         "which black is near) or depth (distances)")
+         "which black is near) or depth (distances, 0 where there is none). NaN is a missing value, too")
       ->group(group)
       ->capture_default_str();
   app.add_option(

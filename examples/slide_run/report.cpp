@@ -89,6 +89,7 @@ nlohmann::json to_json(const JobReport& r) {
   j["layering"] = {{"beta", l.beta},     {"gamma", l.gamma}, {"rho", l.rho},
                    {"radius", l.radius}, {"sigma", l.sigma}, {"maxpool", l.maxpool}};
   j["depth"] = r.depth_origin;
+  j["depth_missing"] = r.depth_missing;
   j["relief"] = r.slide.relief;
   j["matte"] = {{"used", r.slide.matte_used},
                 {"in_fill", r.slide.matte_in_fill},
@@ -145,6 +146,9 @@ void print_summary(const JobReport& r, bool explained) {
     else
       std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
   if (explained) explain(r);
+  if (r.depth_missing > 0)
+    std::fprintf(stderr, "%zu of %zu values of %s were missing; they were filled from around them\n",
+                 r.depth_missing, r.depth_values, r.depth_origin.c_str());
   if (r.depth_left_alone)
     std::fprintf(stderr, "the photo holds a depth map of its own: --depth embedded uses it\n");
   if (r.coverage < 0.995)

@@ -149,6 +149,29 @@ TEST_CASE("the depth map that a phone has put into a JPEG is used when asked for
   CHECK(run("phone.jpg", {"--depth", "embedded", "--depth-model", "slide_depth"}).code == 2);
 }
 
+TEST_CASE("missing values of a depth map are filled, and the summary says how many") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  Image millimetres(96, 64, 1);
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 96; ++x)
+      millimetres.at(x, y) =
+          (x - 48) * (x - 48) + (y - 32) * (y - 32) < 300 ? 500.0F / 65535 : 4000.0F / 65535;
+  for (int x = 40; x < 50; ++x) millimetres.at(x, 30) = 0;  // inside the disc
+  write_png(folder.file("mm.png"), millimetres, 16);
+  const std::vector<std::string> call = {scene.photo,           "--depth",  folder.file("mm.png"),
+                                         "--depth-kind",        "depth",    "-o",
+                                         folder.file("{}.y4m"), "--frames", "2",
+                                         "--inpaint-model",     "fill",     "--layers",
+                                         folder.file("layers")};
+  const ProgramResult result = slide_run(call);
+  REQUIRE_MESSAGE(result.code == 0, result.errors);
+  CHECK(contains(result.errors, "10 of 6144 values of " + folder.file("mm.png") + " were missing"));
+  const Image d = read_map(folder.file("layers/D.pfm"));
+  CHECK(d.at(45, 30) == doctest::Approx(1.0).epsilon(1e-5));
+  CHECK(d.at(2, 2) == doctest::Approx(0.0));
+}
+
 TEST_CASE("the same bytes come out at one and at three threads") {
   const TemporaryFolder folder;
   const Scene scene(folder);
@@ -234,10 +257,10 @@ TEST_CASE(
   const TemporaryFolder folder;
   const Scene scene(folder);
   CHECK(slide_run({folder.file("missing.jpg")}).code == 3);
-  Image nan(96, 64, 1, 0.5F);
-  nan.at(7, 3) = std::numeric_limits<float>::quiet_NaN();
-  write_pfm(folder.file("nan.pfm"), nan);
-  const ProgramResult bad_depth = slide_run({scene.photo, "--depth", folder.file("nan.pfm")});
+  Image infinite(96, 64, 1, 0.5F);
+  infinite.at(7, 3) = std::numeric_limits<float>::infinity();
+  write_pfm(folder.file("inf.pfm"), infinite);
+  const ProgramResult bad_depth = slide_run({scene.photo, "--depth", folder.file("inf.pfm")});
   CHECK(bad_depth.code == 3);
   CHECK(contains(bad_depth.errors, "(7, 3)"));
   write_bytes(folder.file("w.safetensors"), std::as_bytes(std::span("nonsense", 8)));

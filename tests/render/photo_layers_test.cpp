@@ -41,17 +41,57 @@ TEST_CASE(
   CHECK(shrink_to(image, 6).data == image.data);
 }
 
-TEST_CASE("depth becomes its inverse, and a depth of zero is refused with its place") {
+TEST_CASE("depth becomes its inverse, infinitely far is 0, and a negative depth is refused with its place") {
   Image depth(2, 2, 1, 4.0F);
   depth.at(1, 0) = 2;
+  depth.at(0, 1) = std::numeric_limits<float>::infinity();
   const Tensor disparity = disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png");
   CHECK(disparity.data<float>()[0] == 0.25F);
   CHECK(disparity.data<float>()[1] == 0.5F);
-  depth.at(0, 1) = 0;
+  CHECK(disparity.data<float>()[2] == 0.0F);
+  depth.at(0, 1) = -1;
   CHECK_THROWS_WITH_AS((void)disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png"),
                        doctest::Contains("depth.png: the depth at pixel (0, 1)"), Error);
-  depth.at(0, 1) = std::numeric_limits<float>::quiet_NaN();
-  CHECK_THROWS_AS((void)disparity_from_map(depth, DepthKind::kDepth, 2, 2, "depth.png"), Error);
+  CHECK_THROWS_WITH_AS((void)disparity_from_map(Image(2, 2, 1, std::numeric_limits<float>::infinity()),
+                                                DepthKind::kDisparity, 2, 2, "d.pfm"),
+                       doctest::Contains("d.pfm: the disparity at pixel (0, 0) is infinite"), Error);
+}
+
+TEST_CASE("missing values are NaN, and 0 in distances; they are continued from around in disparity") {
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  Image depth(8, 8, 1);
+  for (int y = 0; y < 8; ++y)
+    for (int x = 0; x < 8; ++x) depth.at(x, y) = x < 4 ? 2.0F : 8.0F;
+  depth.at(1, 2) = 0;
+  depth.at(6, 5) = nan;
+  CHECK(missing_values(depth, DepthKind::kDepth) == 2);
+  CHECK(missing_values(depth, DepthKind::kDisparity) == 1);
+  const Tensor d = disparity_from_map(depth, DepthKind::kDepth, 8, 8, "depth.png");
+  // Within a constant surface a hole gets that surface's value; known values are untouched.
+  CHECK(d.data<float>()[2 * 8 + 1] == doctest::Approx(0.5));
+  CHECK(d.data<float>()[5 * 8 + 6] == doctest::Approx(0.125));
+  CHECK(d.data<float>()[0] == 0.5F);
+  CHECK(d.data<float>()[63] == 0.125F);
+  // Across a jump the values lie between those of both sides, in each row.
+  for (int x = 2; x < 6; ++x) depth.at(x, 4) = 0;
+  const Tensor across = disparity_from_map(depth, DepthKind::kDepth, 8, 8, "depth.png");
+  for (std::size_t x = 2; x < 6; ++x) {
+    CHECK(across.data<float>()[4 * 8 + x] >= 0.125F);
+    CHECK(across.data<float>()[4 * 8 + x] <= 0.5F);
+  }
+  // 0 is a disparity like any other.
+  Image zeros(2, 1, 1);
+  zeros.data = {0, 1};
+  CHECK(disparity_from_map(zeros, DepthKind::kDisparity, 2, 1, "d").data<float>()[0] == 0.0F);
+  CHECK_THROWS_WITH_AS((void)disparity_from_map(Image(2, 2, 1, nan), DepthKind::kDisparity, 2, 2, "d.pfm"),
+                       doctest::Contains("d.pfm holds no value"), Error);
+}
+
+TEST_CASE("holes in a map over float's whole range are filled without overflow") {
+  Image map(3, 3, 1, 3e38F);
+  map.at(1, 1) = std::numeric_limits<float>::quiet_NaN();
+  CHECK(disparity_from_map(map, DepthKind::kDisparity, 3, 3, "d").data<float>()[4] ==
+        doctest::Approx(3e38).epsilon(1e-6));
 }
 
 TEST_CASE("a map of another size is resampled at half-pixel centres, one of another shape is refused") {
