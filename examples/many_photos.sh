@@ -45,8 +45,9 @@ command -v parallel >/dev/null || { echo "many_photos.sh: GNU parallel is missin
 cd "$out"
 touch photos.list
 find "$photos" -maxdepth 1 -type f ! -name '*
-*' \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.png' -o -iname '*.tif' \
-  -o -iname '*.tiff' -o -iname '*.webp' \) -exec basename -a -- {} + | sort | grep -vxFf photos.list >photos.new || true
+*' ! -name '._*' \( -iname '*.jpg' -o -iname '*.jpeg' -o -iname '*.jfif' -o -iname '*.png' -o -iname '*.tif' \
+  -o -iname '*.tiff' -o -iname '*.webp' -o -iname '*.bmp' -o -iname '*.exr' -o -iname '*.heic' -o -iname '*.heif' \
+  -o -iname '*.avif' \) -exec basename -a -- {} + | sort | grep -vxFf photos.list >photos.new || true
 cat photos.new >>photos.list
 rm photos.new
 [ -s photos.list ] || { echo "many_photos.sh: no photo in $photos" >&2; exit 2; }

@@ -64,6 +64,29 @@ void wait_for(int file, const std::string& path) {
     throw Error(ErrorKind::kBadInput, path + " is a pipe that nothing came from for ten seconds");
 }
 
+/// All that comes from an open file or pipe.
+std::vector<std::uint8_t> read_all(int file, const std::string& name) {
+  const bool pipe = is_pipe(file, name);
+  constexpr std::size_t kStep = std::size_t{1} << 20U;
+  std::vector<std::uint8_t> bytes;
+  try {
+    for (std::size_t filled = 0;;) {
+      bytes.resize(filled + kStep);
+      if (pipe) wait_for(file, name);
+      const ssize_t n = ::read(file, bytes.data() + filled, kStep);
+      if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
+      if (n < 0) unreadable(name, errno);
+      filled += static_cast<std::size_t>(n);
+      if (filled > kMaxFileBytes) throw Error(ErrorKind::kBadInput, name + " is larger than 1 GiB");
+      if (n > 0) continue;
+      bytes.resize(filled);
+      return bytes;
+    }
+  } catch (const std::bad_alloc&) {
+    out_of_memory(name);
+  }
+}
+
 bool is_npy(std::span<const std::uint8_t> bytes) {
   constexpr std::array<std::uint8_t, 6> kMagic = {0x93, 'N', 'U', 'M', 'P', 'Y'};
   return bytes.size() > kMagic.size() && std::equal(kMagic.begin(), kMagic.end(), bytes.begin());
@@ -113,7 +136,8 @@ std::optional<Decoded> decode_known(std::span<const std::uint8_t> bytes, const s
 }
 
 [[noreturn]] void unknown_format(const std::string& name) {
-  throw Error(ErrorKind::kBadInput, name + " is neither a JPEG nor a PNG file");
+  throw Error(ErrorKind::kBadInput, name + " is neither a JPEG nor a PNG file",
+              "convert it to one of them; other formats are read from files only");
 }
 
 /// One channel of an interleaved image.
@@ -255,25 +279,13 @@ void require_finite(const Image& map, const std::string& name) {
 std::vector<std::uint8_t> read_file(const std::string& path) {
   const Descriptor file(::open(path.c_str(), O_RDONLY | O_NONBLOCK | O_CLOEXEC));
   if (file.get() < 0) unreadable(path, errno);
-  const bool pipe = is_pipe(file.get(), path);
-  constexpr std::size_t kStep = std::size_t{1} << 20U;
-  std::vector<std::uint8_t> bytes;
-  try {
-    for (std::size_t filled = 0;;) {
-      bytes.resize(filled + kStep);
-      if (pipe) wait_for(file.get(), path);
-      const ssize_t n = ::read(file.get(), bytes.data() + filled, kStep);
-      if (n < 0 && (errno == EINTR || errno == EAGAIN)) continue;
-      if (n < 0) unreadable(path, errno);
-      filled += static_cast<std::size_t>(n);
-      if (filled > kMaxFileBytes) throw Error(ErrorKind::kBadInput, path + " is larger than 1 GiB");
-      if (n > 0) continue;
-      bytes.resize(filled);
-      return bytes;
-    }
-  } catch (const std::bad_alloc&) {
-    out_of_memory(path);
-  }
+  return read_all(file.get(), path);
+}
+
+std::vector<std::uint8_t> read_standard_input() {
+  std::vector<std::uint8_t> bytes = read_all(STDIN_FILENO, "standard input");
+  if (bytes.empty()) throw Error(ErrorKind::kBadInput, "standard input is empty");
+  return bytes;
 }
 
 Image oriented(Image image, int orientation) {

@@ -80,4 +80,7 @@ void require_finite(const Image& map, const std::string& name);
 /// device, holds more than kMaxFileBytes, or is a pipe that says nothing for ten seconds
 [[nodiscard]] std::vector<std::uint8_t> read_file(const std::string& path);
 
+/// The same of what is on standard input.
+[[nodiscard]] std::vector<std::uint8_t> read_standard_input();
+
 }  // namespace slide

@@ -20,8 +20,9 @@ namespace {
 namespace fs = std::filesystem;
 
 bool looks_like_photo(const fs::path& path) {
-  static const char* const kExtensions[] = {".jpg",  ".jpeg", ".png", ".tif", ".tiff",
-                                            ".webp", ".bmp",  ".exr", ".heic"};
+  static const char* const kExtensions[] = {".jpg",  ".jpeg", ".jfif", ".png",  ".tif",  ".tiff",
+                                            ".webp", ".bmp",  ".exr",  ".heic", ".heif", ".avif"};
+  if (path.filename().string().starts_with("._")) return false;  // macOS's notes about the file of that name
   std::string extension = path.extension().string();
   std::transform(extension.begin(), extension.end(), extension.begin(),
                  [](unsigned char c) { return std::tolower(c); });
@@ -130,6 +131,13 @@ void check_count(const Options& o, std::size_t photos) {
   if (!o.layers.empty()) refuse("--layers");
 }
 
+/// What lies in no folder needs a name for what it becomes.
+void check_standard_input(const Options& o, const std::vector<std::string>& photos) {
+  if (o.outputs.empty() && !o.plan && std::find(photos.begin(), photos.end(), kStandardInput) != photos.end())
+    throw Error(ErrorKind::kUsage, "a photo from standard input has no place for its 3D photo",
+                "name it with -o");
+}
+
 /// Whether any output is made of frames, or is a still.
 bool draws(const Options& o) {
   if (!o.stereo.empty()) return true;
@@ -180,6 +188,7 @@ std::vector<std::string> find_photos(const std::vector<std::string>& inputs) {
 
 void check_call(const CLI::App& app, const Options& o, const std::vector<std::string>& photos) {
   check_count(o, photos.size());
+  check_standard_input(o, photos);
   check_idle(app, o);
   check_outputs(o, photos);
   (void)parse_size(o.size, 640, 480);

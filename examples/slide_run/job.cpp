@@ -22,6 +22,11 @@ namespace {
 
 namespace fs = std::filesystem;
 
+/// A photo's name without folder and extension.
+std::string name_of(const std::string& input) {
+  return input == kStandardInput ? "photo" : fs::path(input).stem().string();
+}
+
 /// One photo's way, its parts in the order in which they run.
 class Job {
  public:
@@ -32,9 +37,7 @@ class Job {
   void read() {
     const Timer timer(*this, "reading");
     const bool own_depth = options_.depth == kDepthEmbedded || options_.depth == kDepthAuto;
-    const Photo photo = read_photo(
-        input_, [this](int width, int height) { check_header(width, height); },
-        own_depth ? EmbeddedMap::kRead : EmbeddedMap::kIgnored);
+    const Photo photo = read_input(own_depth ? EmbeddedMap::kRead : EmbeddedMap::kIgnored);
     report_.photo_width = photo.colour.width;
     report_.photo_height = photo.colour.height;
     const Image colour = shrink_to(photo.colour, options_.max_side);
@@ -165,6 +168,12 @@ class Job {
     check_coverage();
   }
 
+  [[nodiscard]] Photo read_input(EmbeddedMap map) const {
+    const SizeCheck check = [this](int width, int height) { check_header(width, height); };
+    if (input_ != kStandardInput) return read_photo(input_, check, map);
+    return decode_photo(read_standard_input(), "standard input", check, map);
+  }
+
   /// The disparity that comes from a map: a file's or the photo's own.
   void take_depth(const Photo& photo) {
     const auto given = [this](const Image& map, DepthKind kind, const std::string& name) {
@@ -228,15 +237,14 @@ class Job {
   /// From the photo's name, so that each photo has strokes of its own, the same every time (FNV-1a).
   [[nodiscard]] std::uint64_t seed() const {
     std::uint64_t hash = 0xcbf29ce484222325U;
-    for (const char c : fs::path(input_).stem().string())
-      hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
+    for (const char c : name_of(input_)) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3U;
     return hash;
   }
 
   [[nodiscard]] ExportOptions export_options(const std::string& output) const {
     const auto [width, height] =
         options_.size.empty() ? std::pair(0, 0) : parse_size(options_.size, report_.width, report_.height);
-    return {.title = fs::path(input_).stem().string(),
+    return {.title = name_of(input_),
             .parallax_percent = options_.parallax,
             .focus = options_.focus,
             .width = width,
@@ -273,7 +281,7 @@ void require_known(const std::string& output, const Options& options) {
 
 std::vector<std::string> output_names(const std::string& input, bool many, const Options& options) {
   const fs::path path(input);
-  const std::string name = path.stem().string();
+  const std::string name = name_of(input);
   std::vector<std::string> names = options.outputs;
   if (names.empty()) {
     const char* suffix = options.stereo.empty() ? ".3d.html" : ".stereo.png";
@@ -292,7 +300,7 @@ std::vector<std::string> output_names(const std::string& input, bool many, const
 }
 
 std::array<std::string, 2> mask_files(const std::string& input, const Options& options) {
-  const std::string stem = options.dump_masks + "/" + fs::path(input).stem().string();
+  const std::string stem = options.dump_masks + "/" + name_of(input);
   return {stem + ".occlusion.png", stem + ".strokes.png"};
 }
 

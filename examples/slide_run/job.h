@@ -36,6 +36,9 @@ struct JobReport {
   std::vector<std::string> outputs;
 };
 
+/// The photo that is read from standard input.
+inline constexpr const char* kStandardInput = "-";
+
 /// Receives how far a job is: the stage, and 0 to 1.
 using Meter = std::function<void(const std::string& stage, double part)>;
 
@@ -48,8 +51,8 @@ void run_job(const std::string& input, bool many, const Options& options, const 
 /// Where --dump-masks writes the occlusion mask and the strokes of one photo.
 [[nodiscard]] std::array<std::string, 2> mask_files(const std::string& input, const Options& options);
 
-/// The outputs' names for one photo: "{}" replaced by its name without extension, the default if there are
-/// none.
+/// The outputs' names for one photo: "{}" replaced by its name without extension ("photo" for standard
+/// input), the default if there are none.
 /// @throws Error(kUsage) if two photos would write one file, or an extension is unknown
 [[nodiscard]] std::vector<std::string> output_names(const std::string& input, bool many,
                                                     const Options& options);

@@ -19,6 +19,7 @@ constexpr const char* kExamples = R"(Examples:
   slide_run photo.jpg --stereo anaglyph -o photo.png   for red-cyan glasses
   slide_run holiday/ -o 'out/{}.html'                  every photo of a folder
   slide_run photo.jpg -o - | ffplay -                  frames into a pipe
+  curl https://example.org/photo.jpg | slide_run - -o photo.html
 
 Exit codes: 0 done, 1 some inputs failed, 2 usage, 3 bad input file, 4 bad weights, 5 out of memory or over
 --max-memory, 6 internal error, 7 an output could not be written.)";
@@ -36,7 +37,8 @@ CLI::Validator within(double low, double high) {
 }
 
 void declare_input(CLI::App& app, Options& o) {
-  app.add_option("photo", o.inputs, "Photos, or folders of photos")->type_name("FILE");
+  app.add_option("photo", o.inputs, "Photos, folders of photos, or - for a JPEG or PNG on standard input")
+      ->type_name("FILE");
   const char* group = "Input";
   app.add_option(
          "--depth", o.depth,

@@ -146,6 +146,9 @@ void print_summary(const JobReport& r, bool explained) {
     else
       std::fprintf(stderr, "  %-28s %8.3f s\n", s.name.c_str(), s.seconds);
   if (explained) explain(r);
+  if (r.width != r.photo_width || r.height != r.photo_height)
+    std::fprintf(stderr, "the photo was reduced from %dx%d (a larger --max-side keeps more of it)\n",
+                 r.photo_width, r.photo_height);
   if (r.depth_missing > 0)
     std::fprintf(stderr, "%zu of %zu values of %s were missing; they were filled from around them\n",
                  r.depth_missing, r.depth_values, r.depth_origin.c_str());

@@ -11,6 +11,7 @@ mkdir -p "$work/my photos"
 cp "$root/tests/data/images/rgb_8.png" "$work/my photos/b it's.png"
 cp "$root/tests/data/images/rgb_8.png" "$work/my photos/c.PNG"
 echo "no photo" >"$work/my photos/d.jpg"
+echo "no photo" >"$work/my photos/._c.PNG" # what macOS leaves on other systems' disks
 
 # A program that notes each of its calls.
 cat >"$work/noting" <<END

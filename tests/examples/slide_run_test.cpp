@@ -416,6 +416,7 @@ TEST_CASE("links that lead nowhere fail as one photo among others") {
   fs::create_symlink("loop.jpg", folder.file("photos/loop.jpg"));
   fs::create_symlink("none.jpg", folder.file("photos/nowhere.jpg"));
   fs::create_symlink("link", folder.file("link"));
+  fs::copy(scene.photo, folder.file("photos/._good.png"));  // no photo: macOS's notes about good.png
   const ProgramResult result =
       slide_run({folder.file("photos"), folder.file("link"), "-o", folder.file("{}.y4m"), "--frames", "2",
                  "--depth-weights", "formula", "--depth-model", "slide_depth", "--inpaint-model", "fill"});
@@ -425,6 +426,47 @@ TEST_CASE("links that lead nowhere fail as one photo among others") {
 }
 
 #if SLIDE_PLAIN_MEMORY  // no sanitizer's shadow memory, no emulator
+TEST_CASE("every usual extension is a photo in a folder") {
+  const TemporaryFolder folder;
+  fs::create_directory(folder.file("photos"));
+  const Scene scene(folder);
+  for (const char* name : {"a.jfif", "b.heif", "c.AVIF", "d.txt"})
+    fs::copy(scene.photo, folder.file(std::string("photos/") + name));
+  const ProgramResult result =
+      slide_run({folder.file("photos"), "-o", folder.file("{}.y4m"), "--frames", "2", "--depth-weights",
+                 "formula", "--depth-model", "slide_depth", "--inpaint-model", "fill"});
+  CHECK_MESSAGE(result.code == 0, result.errors);
+  CHECK(contains(result.errors, "3 photos, 3 done"));
+}
+
+TEST_CASE("a photo comes from standard input, from a pipe or a file, and its output has a name") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto piped = [&](const std::string& script, const std::vector<std::string>& more) {
+    std::vector<std::string> call = {"-c", script, SLIDE_RUN, scene.photo, "-"};
+    call.insert(call.end(), more.begin(), more.end());
+    return slide::test::run_program("sh", call);
+  };
+  const std::string pipe = R"(photo=$1; shift; cat "$photo" | exec "$0" "$@")";
+  const std::string redirected = R"(photo=$1; shift; exec "$0" "$@" <"$photo")";
+  std::vector<std::string> call = {"--depth",         scene.depth, "--frames", "2",
+                                   "--inpaint-model", "fill",      "-o",       folder.file("1{}.y4m"),
+                                   "--max-side",      "48"};
+  const ProgramResult first = piped(pipe, call);
+  REQUIRE_MESSAGE(first.code == 0, first.errors);
+  CHECK(contains(first.errors, "reduced from 96x64 (a larger --max-side"));
+  call[7] = folder.file("2.y4m");
+  REQUIRE(piped(redirected, call).code == 0);
+  CHECK(bytes_of_file(folder.file("1photo.y4m")) == bytes_of_file(folder.file("2.y4m")));
+  const ProgramResult no_name = piped(pipe, {"--depth", scene.depth});
+  CHECK(no_name.code == 2);
+  CHECK(contains(no_name.errors, "-o"));
+  const ProgramResult empty = piped(R"(shift; : | exec "$0" "$@")", call);
+  CHECK(empty.code == 3);
+  CHECK(contains(empty.errors, "standard input is empty"));
+  CHECK(piped(R"(shift; exec "$0" "$@" </dev/zero)", call).code == 3);
+}
+
 TEST_CASE("threads that cannot be started are exit code 5") {
   const TemporaryFolder folder;
   const Scene scene(folder);
