@@ -16,8 +16,6 @@
 namespace slide {
 namespace {
 
-bool is_page(const std::string& extension) { return extension == ".html" || extension == ".htm"; }
-
 ViewRenderer make_renderer(const Layers& layers, const Camera& camera, const std::vector<View>& views,
                            double tolerance) {
   if (tolerance <= 0) return {layers, camera};
@@ -82,9 +80,14 @@ DrawnMeshes export_frames(const std::string& path, const Layers& layers, const C
 
 }  // namespace
 
+bool is_page_output(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  return extension == ".html" || extension == ".htm";
+}
+
 void require_export_output(const std::string& path) {
   const std::string extension = lower_extension(path);
-  if (is_page(extension) || extension == ".glb" || is_frame_output(path)) return;
+  if (is_page_output(path) || extension == ".glb" || is_frame_output(path)) return;
   throw Error(ErrorKind::kUsage, "nothing can be made of the extension of " + path,
               ".html .glb .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
 }
@@ -93,10 +96,12 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
                         const std::vector<View>& views, const ExportOptions& options) {
   require_export_output(path);
   const std::string extension = lower_extension(path);
-  if (is_page(extension)) {
-    write_html(
-        path, layers, camera,
-        {.title = options.title, .parallax_percent = options.parallax_percent, .focus = options.focus});
+  if (is_page_output(path)) {
+    write_html(path, layers, camera,
+               {.title = options.title,
+                .alt = options.alt,
+                .parallax_percent = options.parallax_percent,
+                .focus = options.focus});
     return {};
   }
   if (extension == ".glb") {

@@ -15,6 +15,7 @@ namespace slide {
 /// How a 3D photo is turned into files.
 struct ExportOptions {
   std::string title = "3D photo";  ///< of a page
+  std::string alt;                 ///< of a page, for screen readers; empty: its title
   double parallax_percent = 4;     ///< of a page's camera, and of the two eyes of a still
   double focus = 0.5;              ///< the disparity that stands still in a page and in a still
   int width = 0;                   ///< of frames and stills; 0: the photo's. The two go together.
@@ -38,6 +39,9 @@ struct DrawnMeshes {
 /// Refuses names that export_file() cannot make anything of.
 /// @throws Error(kUsage) naming the extensions there are
 void require_export_output(const std::string& path);
+
+/// Whether export_file() makes a page under that name (.html, .htm).
+[[nodiscard]] bool is_page_output(const std::string& path);
 
 /// Makes a file of the layers: .html (render/html.h), .glb (render/gltf.h), or the frames of `views` in any
 /// form that make_frame_sink() knows.

@@ -93,10 +93,14 @@ std::vector<std::uint8_t> packed_disparity(const Image& map, const Grid& grid) {
   return encode_png_samples(grid.columns, grid.rows, 3, 8, samples);
 }
 
+std::string colours_uri(const Layer& layer, const HtmlOptions& options) {
+  return data_uri("image/jpeg", encode_jpeg(layer.colour, options.jpeg_quality));
+}
+
+/// A layer without its colours.
 Json layer_json(const Layer& layer, const HtmlOptions& options, bool with_alpha) {
   const Grid grid = grid_for(layer.disparity, options.mesh_side);
-  Json json = {{"colour", data_uri("image/jpeg", encode_jpeg(layer.colour, options.jpeg_quality))},
-               {"disparity", data_uri("image/png", packed_disparity(layer.disparity, grid))},
+  Json json = {{"disparity", data_uri("image/png", packed_disparity(layer.disparity, grid))},
                {"columns", grid.columns},
                {"rows", grid.rows}};
   if (with_alpha) json["alpha"] = data_uri("image/png", encode_png(layer.alpha, 8));
@@ -146,9 +150,17 @@ std::string encode_html(const Layers& layers, const Camera& camera, const HtmlOp
       {"parallax", options.parallax_percent / 100 * layers.foreground.colour.width},
       {"focus", options.focus},
       {"foreground", layer_json(layers.foreground, options, two && !layers.foreground.alpha.empty())}};
-  if (two) scene["background"] = layer_json(*layers.background, options, false);
-  const std::array<std::array<std::string, 2>, 3> values = {
-      {{"title", escaped(options.title)}, {"label", escaped(options.title)}, {"scene", scene.dump()}}};
+  if (two) {
+    scene["background"] = layer_json(*layers.background, options, false);
+    scene["background"]["colour"] = colours_uri(*layers.background, options);
+  }
+  const std::string alt = escaped(options.alt.empty() ? options.title : options.alt);
+  const std::array<std::array<std::string, 2>, 5> values = {
+      {{"title", escaped(options.title)},
+       {"alt", alt},
+       {"still", colours_uri(layers.foreground, options)},
+       {"label", alt},
+       {"scene", scene.dump()}}};
   return filled(kViewerPage, values);
 }
 

@@ -8,7 +8,8 @@
 namespace slide {
 
 struct HtmlOptions {
-  std::string title = "3D photo";  ///< any text; shown as the page's title and read out to screen readers
+  std::string title = "3D photo";  ///< any text; shown as the page's title
+  std::string alt;                 ///< what is to be seen, for screen readers; any text; empty: the title
   double parallax_percent = 4;     ///< the largest parallax, in percent of the photo's width; 0 to 50
   double focus = 0.5;              ///< the disparity that stands still
   int jpeg_quality = 92;
@@ -19,8 +20,8 @@ struct HtmlOptions {
 /// content security policy forbids it every network access. It draws the layers with WebGL 2 as the
 /// rasterizer does (one textured height field per layer, z-buffer, eq. 4 of the paper), seen from a camera
 /// that moves sideways with mouse, touch, device tilt or arrow keys, or by itself when nobody does; the view
-/// is cropped so that the photo's edge never shows. Without WebGL 2 it shows the photo and says why it stands
-/// still.
+/// is cropped so that the photo's edge never shows. The photo itself is there at once; without WebGL 2 or
+/// scripts it stays. In a frame of another page, a finger that goes up or down scrolls that page.
 ///
 /// Colours are JPEG, visibility is 8-bit PNG at full size, disparity 16 bits in a PNG's red and green at the
 /// resolution of the mesh.

@@ -7,6 +7,7 @@
 #include <map>
 
 #include "examples/slide_run/job.h"
+#include "render/export.h"
 #include "render/frame_sink.h"
 #include "render/own_output.h"
 #include "render/photo_layers.h"
@@ -129,6 +130,8 @@ void check_count(const Options& o, std::size_t photos) {
   if (depth_is_file(o)) refuse("--depth FILE");
   if (o.matte != "none" && o.matte != "auto") refuse("--matte FILE");
   if (!o.layers.empty()) refuse("--layers");
+  if (!o.title.empty()) refuse("--title");
+  if (!o.alt.empty()) refuse("--alt");
 }
 
 /// What lies in no folder needs a name for what it becomes.
@@ -142,6 +145,12 @@ void check_standard_input(const Options& o, const std::vector<std::string>& phot
 bool draws(const Options& o) {
   if (!o.stereo.empty()) return true;
   return std::any_of(o.outputs.begin(), o.outputs.end(), is_frame_output);
+}
+
+/// Whether any output is a page.
+bool makes_page(const Options& o) {
+  return o.outputs.empty() ? o.stereo.empty()
+                           : std::any_of(o.outputs.begin(), o.outputs.end(), is_page_output);
 }
 
 /// Refuses options that would do nothing, which is never what was meant. Those that depend on another option
@@ -160,6 +169,8 @@ void check_idle(const CLI::App& app, const Options& o) {
       refuse(option, "--depth " + o.depth + " takes the network's place");
   if (!depth_is_file(o)) refuse("--depth-kind", "it is for --depth FILE");
   if (o.inpaint_model == kFillAlone) refuse("--inpaint-weights", "--inpaint-model fill has none");
+  if (!makes_page(o))
+    for (const char* option : {"--title", "--alt"}) refuse(option, "no output is a page (.html)");
   if (!draws(o))
     for (const char* option : {"--fps", "--size", "--keep-edges", "--supersample", "--mesh-tolerance"})
       refuse(option, "no output is made of frames");

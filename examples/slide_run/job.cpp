@@ -244,7 +244,8 @@ class Job {
   [[nodiscard]] ExportOptions export_options(const std::string& output) const {
     const auto [width, height] =
         options_.size.empty() ? std::pair(0, 0) : parse_size(options_.size, report_.width, report_.height);
-    return {.title = name_of(input_),
+    return {.title = options_.title.empty() ? name_of(input_) : options_.title,
+            .alt = options_.alt,
             .parallax_percent = options_.parallax,
             .focus = options_.focus,
             .width = width,

@@ -109,6 +109,10 @@ void declare_output(CLI::App& app, Options& o) {
       ->group(group)
       ->check(CLI::IsMember({"relief", "true"}))
       ->capture_default_str();
+  app.add_option("--title", o.title, "Title of a .html. Default: the photo's name")->group(group);
+  app.add_option("--alt", o.alt,
+                 "What is to be seen, for those to whom a .html is read out. Default: the title")
+      ->group(group);
   app.add_option("--layers", o.layers, "Also write the layers and every map into this folder")
       ->group(group)
       ->type_name("DIR");

@@ -32,6 +32,7 @@ struct Options {
   std::vector<std::string> outputs;
   std::string stereo;
   std::string glb_depth = "relief";
+  std::string title, alt;
   std::string layers;
   std::string dump_masks;
 

@@ -172,6 +172,19 @@ TEST_CASE("missing values of a depth map are filled, and the summary says how ma
   CHECK(d.at(2, 2) == doctest::Approx(0.0));
 }
 
+TEST_CASE("a page has the title and the description that it is given") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const ProgramResult result =
+      slide_run({scene.photo, "--depth", scene.depth, "--inpaint-model", "fill", "-o", folder.file("a.html"),
+                 "--title", "My disc", "--alt", "A <disc>"});
+  REQUIRE_MESSAGE(result.code == 0, result.errors);
+  const std::vector<std::uint8_t> bytes = read_file(folder.file("a.html"));
+  const std::string page(bytes.begin(), bytes.end());
+  CHECK(contains(page, "<title>My disc</title>"));
+  CHECK(contains(page, "alt=\"A &lt;disc&gt;\""));
+}
+
 TEST_CASE("the same bytes come out at one and at three threads") {
   const TemporaryFolder folder;
   const Scene scene(folder);
@@ -214,6 +227,8 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--stereo", "sbs", "-o", folder.file("x.gif")},
       {scene.photo, scene.photo, "-o", folder.file("x.gif")},
       {scene.photo, "--max-memory", "lots"},
+      {scene.photo, "--title", "x", "-o", folder.file("x.gif")},
+      {scene.photo, "--alt", "x", "--stereo", "sbs"},
       {scene.photo, "--size", "12x"},
       {scene.photo, "--glb-depth", "deep", "-o", folder.file("x.glb")},
       {scene.photo, "--isa", "mmx"},

@@ -8,6 +8,7 @@
 #include <string_view>
 
 #include "render/base64.h"
+#include "render/codec.h"
 #include "render/image_file.h"
 #include "runtime/error.h"
 #include "tests/render/decoders.h"
@@ -82,7 +83,7 @@ TEST_CASE("The viewer's page holds the layers, with disparity in 16 bits at the 
   const DecodedPng alpha = independent_png(payload(layer["alpha"]));
   CHECK(alpha.width == 60);
   CHECK(alpha.channels == 1);
-  CHECK(slide::decode_photo(payload(layer["colour"]), "colour").colour.width == 60);
+  CHECK(slide::decode_photo(payload(between(page, "src=\"", "\"")), "colour").colour.width == 60);
   const auto value_at = [&](int column, int row) {
     const auto i = static_cast<std::size_t>((row * 30 + column) * 3);
     return disparity.samples[i] * 256 + disparity.samples[i + 1];
@@ -105,6 +106,26 @@ TEST_CASE("A title is text, whatever it holds") {
         "&lt;/title&gt;&lt;script&gt;alert(1)&lt;/script&gt; &quot;{{scene}}&quot; &amp; more");
   CHECK(page.find("alert(1)</script>") == std::string::npos);
   CHECK(scene_of(page)["width"] == 24);
+}
+
+TEST_CASE("The photo stands in the page once, as a picture with its description") {
+  slide::HtmlOptions options;
+  options.title = "Cat";
+  options.alt = "A \"cat\" <asleep> & a dog";
+  const slide::Layers scene = sample_scene(24, 16);
+  const std::string page = slide::encode_html(scene, slide::make_camera(24, 16), options);
+  const std::string alt = "A &quot;cat&quot; &lt;asleep&gt; &amp; a dog";
+  CHECK(between(page, "<img id=\"still\" alt=\"", "\"") == alt);
+  CHECK(between(page, "aria-label=\"", "\"") == alt);
+  CHECK(between(page, "<title>", "</title>") == "Cat");
+  const std::string still =
+      "data:image/jpeg;base64," + slide::base64(slide::encode_jpeg(scene.foreground.colour, 92));
+  const std::size_t first = page.find(still);
+  CHECK(first < page.find("<script"));
+  CHECK(page.find(still, first + 1) == std::string::npos);
+  options.alt = "";
+  CHECK(between(slide::encode_html(scene, slide::make_camera(24, 16), options), "<img id=\"still\" alt=\"",
+                "\"") == "Cat");
 }
 
 TEST_CASE("A single layer has neither background nor visibility in its page") {

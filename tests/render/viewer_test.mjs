@@ -348,6 +348,55 @@ const tests = {
     await page.close();
   },
 
+  'without scripts the photo is shown': async (browser) => {
+    const page = await Page.open(browser, 'far_still.html');
+    await page.send('Emulation.setScriptExecutionDisabled', {value: true});
+    await page.send('Page.reload');
+    await sleep(1000);
+    const red = redPart(await page.screenshot('without_scripts'));
+    assert.ok(Math.abs(Math.sqrt(red.area) - (SQUARE + 2)) < 1, `square of ${Math.sqrt(red.area)}`);
+    assert.ok(Math.abs(red.x - 400) < 2 && Math.abs(red.y - 300) < 2, 'centred');
+    await page.close();
+  },
+
+  'the still gives way to the moving photo': async (browser) => {
+    const page = await Page.open(browser, 'far_still.html');
+    assert.equal(await page.evaluate('getComputedStyle(document.getElementById("still")).display'), 'none');
+    assert.equal(await page.evaluate('getComputedStyle(document.getElementById("photo")).touchAction'), 'none');
+    await page.close();
+  },
+
+  'in a frame, a finger scrolls the page around, or turns the photo': async (browser) => {
+    const inside = fs.readFileSync(path.join(folder, 'far_still.html'), 'utf8');
+    const text = inside.replaceAll('&', '&amp;').replaceAll('"', '&quot;');
+    fs.writeFileSync(path.join(folder, 'embedded.html'), `<!DOCTYPE html><body style="margin:0;height:3000px">
+      <iframe id="photo" style="display:block;width:600px;height:400px;border:0" srcdoc="${text}"></iframe><script>
+      setInterval(() => { const state = frames[0].document.documentElement.dataset.state;
+                          if (state) document.documentElement.dataset.state = state; }, 50);</script>`);
+    const page = await Page.open(browser, 'embedded.html');
+    assert.equal(page.state, 'ready');
+    await page.send('Emulation.setTouchEmulationEnabled', {enabled: true});
+    const before = redPart(await page.screenshot());
+    const drag = async (dx, dy) => {
+      const touch = (type, i) =>
+          page.send('Input.dispatchTouchEvent', {type, touchPoints: i < 0 ? [] : [{x: 300 + i * dx, y: 200 + i * dy}]});
+      await touch('touchStart', 0);
+      for (let i = 1; i <= 15; ++i) {
+        await touch('touchMove', i);
+        await sleep(20);
+      }
+      await touch('touchEnd', -1);
+      await page.settle();
+    };
+    await drag(-6, 0);
+    assert.equal(await page.evaluate('window.scrollY'), 0);
+    const after = redPart(await page.screenshot('embedded'));
+    assert.ok(before.x - after.x > 2, `from ${before.x} to ${after.x}`);
+    await drag(0, -10);
+    assert.ok(await page.evaluate('window.scrollY') > 100, 'the page scrolls');
+    await page.close();
+  },
+
   'the title is shown as it was given': async (browser) => {
     const page = await Page.open(browser, 'far_still.html');
     assert.equal(await page.evaluate('document.title'), 'Sample <scene> & "more"');
