@@ -8,7 +8,6 @@
 #include "render/edge_zoom.h"
 #include "render/frame_sink.h"
 #include "render/html.h"
-#include "render/stereo.h"
 #include "render/view.h"
 #include "render/write_image.h"
 #include "runtime/error.h"
@@ -117,12 +116,6 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
   return export_frames(path, layers, camera, gif_views(views), small);
 }
 
-StereoKind stereo_kind(const std::string& name) {
-  if (name == "sbs") return StereoKind::kSideBySide;
-  if (name == "anaglyph") return StereoKind::kAnaglyph;
-  throw Error(ErrorKind::kUsage, "there is no stereo picture of the kind " + name, "one of: sbs, anaglyph");
-}
-
 DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,
                           const Camera& camera, const ExportOptions& options) {
   // Of a swing in four frames the second is at one end and the fourth at the other.
@@ -136,7 +129,7 @@ DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers
   Image right;
   renderer.render(shown[3], render_options(options, camera), left);
   renderer.render(shown[1], render_options(options, camera), right);
-  write_image(path, kind == StereoKind::kSideBySide ? side_by_side(left, right) : anaglyph(left, right));
+  write_image(path, stereo_picture(kind, left, right));
   return meshes_of(renderer, layers, camera);
 }
 

@@ -9,6 +9,7 @@
 #include "render/camera.h"
 #include "render/gltf.h"
 #include "render/layers.h"
+#include "render/stereo.h"
 
 namespace slide {
 
@@ -48,10 +49,6 @@ void require_export_output(const std::string& path);
 /// @throws as require_export_output(); what the exporters throw
 DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
                         const std::vector<View>& views, const ExportOptions& options);
-
-enum class StereoKind { kSideBySide, kAnaglyph };
-/// @throws Error(kUsage) unless the name is "sbs" or "anaglyph"
-[[nodiscard]] StereoKind stereo_kind(const std::string& name);
 
 /// Makes a still picture for two eyes, the two ends of a swing of `parallax_percent`, as .png or .jpg.
 DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,

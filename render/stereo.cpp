@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <string_view>
+#include <utility>
 
 #include "runtime/error.h"
 
@@ -45,6 +47,64 @@ Image side_by_side(const Image& left, const Image& right) {
     std::copy(right.row(y), right.row(y) + row_values, row);
   }
   return out;
+}
+
+Image top_bottom(const Image& left, const Image& right) {
+  require_pair(left, right);
+  Image out(left.width, 2 * left.height, 3);
+  std::copy(right.data.begin(), right.data.end(),
+            std::copy(left.data.begin(), left.data.end(), out.data.begin()));
+  return out;
+}
+
+Image half_width(const Image& view) {
+  Image out((view.width + 1) / 2, view.height, view.channels);
+  for (int y = 0; y < out.height; ++y)
+    for (int x = 0; x < out.width; ++x)
+      for (int c = 0; c < out.channels; ++c)
+        out.at(x, y, c) = (view.at(2 * x, y, c) + view.at(std::min(2 * x + 1, view.width - 1), y, c)) / 2;
+  return out;
+}
+
+Image half_height(const Image& view) {
+  Image out(view.width, (view.height + 1) / 2, view.channels);
+  for (int y = 0; y < out.height; ++y)
+    for (int x = 0; x < out.width; ++x)
+      for (int c = 0; c < out.channels; ++c)
+        out.at(x, y, c) = (view.at(x, 2 * y, c) + view.at(x, std::min(2 * y + 1, view.height - 1), c)) / 2;
+  return out;
+}
+
+StereoKind stereo_kind(const std::string& name) {
+  constexpr std::array<std::pair<std::string_view, StereoKind>, 6> kNames = {
+      {{"sbs", StereoKind::kSideBySide},
+       {"half-sbs", StereoKind::kHalfSideBySide},
+       {"cross", StereoKind::kCrossEyed},
+       {"tb", StereoKind::kTopBottom},
+       {"half-tb", StereoKind::kHalfTopBottom},
+       {"anaglyph", StereoKind::kAnaglyph}}};
+  for (const auto& [known, kind] : kNames)
+    if (name == known) return kind;
+  throw Error(ErrorKind::kUsage, "there is no stereo picture of the kind " + name,
+              "one of: sbs, half-sbs, cross, tb, half-tb, anaglyph");
+}
+
+Image stereo_picture(StereoKind kind, const Image& left, const Image& right) {
+  switch (kind) {
+    case StereoKind::kSideBySide:
+      return side_by_side(left, right);
+    case StereoKind::kHalfSideBySide:
+      return side_by_side(half_width(left), half_width(right));
+    case StereoKind::kCrossEyed:
+      return side_by_side(right, left);
+    case StereoKind::kTopBottom:
+      return top_bottom(left, right);
+    case StereoKind::kHalfTopBottom:
+      return top_bottom(half_height(left), half_height(right));
+    case StereoKind::kAnaglyph:
+      return anaglyph(left, right);
+  }
+  throw Error(ErrorKind::kInternal, "a stereo picture of no kind was asked for");
 }
 
 Image anaglyph(const Image& left, const Image& right) {

@@ -99,10 +99,12 @@ void declare_output(CLI::App& app, Options& o) {
       ->allow_extra_args(false)
       ->group(group)
       ->type_name("FILE");
-  app.add_option("--stereo", o.stereo,
-                 "Make -o a still for two eyes: sbs (side by side) or anaglyph (red-cyan)")
+  app.add_option(
+         "--stereo", o.stereo,
+         "Make -o a still for two eyes: sbs (side by side), cross (the same for eyes that cross), tb (left "
+         "above right), half-sbs or half-tb (squeezed, for television sets) or anaglyph (red-cyan)")
       ->group(group)
-      ->check(CLI::IsMember({"sbs", "anaglyph"}));
+      ->check(CLI::IsMember({"sbs", "half-sbs", "cross", "tb", "half-tb", "anaglyph"}));
   app.add_option(
          "--glb-depth", o.glb_depth,
          "Depth of a .glb: relief (shallow, looks right in any viewer) or true (as the camera saw it)")

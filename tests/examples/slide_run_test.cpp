@@ -532,17 +532,36 @@ TEST_CASE("a GIF is small unless a size or a rate is asked for") {
   CHECK(asked.delay == 4);
 }
 
-TEST_CASE("stereo stills have the shape they should") {
+TEST_CASE("stereo stills have the shape they should, and the left eye sees what is near further right") {
   const TemporaryFolder folder;
   const Scene scene(folder);
-  REQUIRE(
-      slide_run({scene.photo, "--depth", scene.depth, "--stereo", "sbs", "-o", folder.file("s.png"), "-q"})
-          .code == 0);
-  REQUIRE(slide_run(
-              {scene.photo, "--depth", scene.depth, "--stereo", "anaglyph", "-o", folder.file("a.jpg"), "-q"})
-              .code == 0);
-  CHECK(read_photo(folder.file("s.png")).colour.width == 192);
-  CHECK(read_photo(folder.file("a.jpg")).colour.width == 96);
+  const auto still = [&](const std::string& kind, const std::string& name) {
+    const ProgramResult result = slide_run({scene.photo, "--depth", scene.depth, "--inpaint-model", "fill",
+                                            "--stereo", kind, "-o", folder.file(name), "-q"});
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    return read_photo(folder.file(name)).colour;
+  };
+  const Image sbs = still("sbs", "s.png");
+  CHECK((sbs.width == 192 && sbs.height == 64));
+  CHECK(still("anaglyph", "a.jpg").width == 96);
+  CHECK(still("half-sbs", "h.png").width == 96);
+  CHECK(still("tb", "t.png").height == 128);
+  CHECK(still("half-tb", "ht.png").height == 64);
+  // Where the disc, the reddest there is, has its middle.
+  const auto disc = [](const Image& image, int x0) {
+    double sum = 0;
+    double count = 0;
+    for (int x = 0; x < 96; ++x)
+      if (image.at(x0 + x, 32, 0) > 0.7F) {
+        sum += x;
+        ++count;
+      }
+    return sum / count;
+  };
+  CHECK(disc(sbs, 0) > disc(sbs, 96) + 2);
+  const Image cross = still("cross", "c.png");
+  CHECK(disc(cross, 0) == disc(sbs, 96));
+  CHECK(disc(cross, 96) == disc(sbs, 0));
 }
 
 TEST_CASE("an output that cannot be written has an exit code of its own, and nothing stays") {

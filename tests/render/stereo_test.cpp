@@ -40,6 +40,35 @@ TEST_CASE("Side by side, the left view is on the left and pixels are untouched")
   }
 }
 
+TEST_CASE("Each kind of stereo picture has its views where players and eyes expect them") {
+  slide::Image left(5, 3, 3);
+  for (std::size_t i = 0; i < left.data.size(); ++i) left.data[i] = static_cast<float>(i);
+  slide::Image right = left;
+  for (float& v : right.data) v += 100;
+  const auto made = [&](const char* name) {
+    return slide::stereo_picture(slide::stereo_kind(name), left, right);
+  };
+  CHECK(made("sbs").data == slide::side_by_side(left, right).data);
+  CHECK(made("anaglyph").data == slide::anaglyph(left, right).data);
+  CHECK(made("cross").at(1, 2, 1) == right.at(1, 2, 1));
+  CHECK(made("cross").at(5 + 1, 2, 1) == left.at(1, 2, 1));
+  const slide::Image tb = made("tb");
+  REQUIRE((tb.width == 5 && tb.height == 6));
+  CHECK(tb.at(4, 2, 2) == left.at(4, 2, 2));
+  CHECK(tb.at(4, 3 + 2, 2) == right.at(4, 2, 2));
+  const slide::Image half_sbs = made("half-sbs");
+  REQUIRE((half_sbs.width == 6 && half_sbs.height == 3));
+  CHECK(half_sbs.at(1, 1, 0) == (left.at(2, 1, 0) + left.at(3, 1, 0)) / 2);
+  CHECK(half_sbs.at(2, 1, 0) == left.at(4, 1, 0));
+  CHECK(half_sbs.at(3, 1, 0) == (right.at(0, 1, 0) + right.at(1, 1, 0)) / 2);
+  const slide::Image half_tb = made("half-tb");
+  REQUIRE((half_tb.width == 5 && half_tb.height == 4));
+  CHECK(half_tb.at(3, 0, 1) == (left.at(3, 0, 1) + left.at(3, 1, 1)) / 2);
+  CHECK(half_tb.at(3, 1, 1) == left.at(3, 2, 1));
+  CHECK(half_tb.at(3, 2, 1) == (right.at(3, 0, 1) + right.at(3, 1, 1)) / 2);
+  CHECK_THROWS_AS((void)slide::stereo_kind("3d"), slide::Error);
+}
+
 TEST_CASE("The anaglyph of two equal greys is nearly that grey, and each eye's filter passes its own view") {
   // Dubois' matrices sum to one to within 2 % for equal greys.
   const slide::Image grey = slide::anaglyph(constant(0.5F, 0.5F, 0.5F), constant(0.5F, 0.5F, 0.5F));
