@@ -8,6 +8,7 @@
 #include "render/edge_zoom.h"
 #include "render/frame_sink.h"
 #include "render/html.h"
+#include "render/ply.h"
 #include "render/view.h"
 #include "render/write_image.h"
 #include "runtime/error.h"
@@ -86,9 +87,9 @@ bool is_page_output(const std::string& path) {
 
 void require_export_output(const std::string& path) {
   const std::string extension = lower_extension(path);
-  if (is_page_output(path) || extension == ".glb" || is_frame_output(path)) return;
+  if (is_page_output(path) || extension == ".glb" || extension == ".ply" || is_frame_output(path)) return;
   throw Error(ErrorKind::kUsage, "nothing can be made of the extension of " + path,
-              ".html .glb .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
+              ".html .glb .ply .gif .png .apng .mp4 .webm .y4m, a folder, or - for standard output");
 }
 
 DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
@@ -107,6 +108,10 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
     write_glb(
         path, layers, camera,
         {.parallax = largest_parallax(camera, views), .depth = options.glb_depth, .focus = options.focus});
+    return {};
+  }
+  if (extension == ".ply") {
+    write_ply(path, layers, camera);
     return {};
   }
   if (extension != ".gif") return export_frames(path, layers, camera, views, options);

@@ -44,8 +44,8 @@ void require_export_output(const std::string& path);
 /// Whether export_file() makes a page under that name (.html, .htm).
 [[nodiscard]] bool is_page_output(const std::string& path);
 
-/// Makes a file of the layers: .html (render/html.h), .glb (render/gltf.h), or the frames of `views` in any
-/// form that make_frame_sink() knows.
+/// Makes a file of the layers: .html (render/html.h), .glb (render/gltf.h), .ply (render/ply.h), or the
+/// frames of `views` in any form that make_frame_sink() knows.
 /// @throws as require_export_output(); what the exporters throw
 DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
                         const std::vector<View>& views, const ExportOptions& options);

@@ -36,6 +36,7 @@ constexpr Kind kKinds[] = {
     {".html", 0, "<!DOCTYPE html>", "<meta name=\"generator\" content=\"SLIDE\">"},
     {".htm", 0, "<!DOCTYPE html>", "<meta name=\"generator\" content=\"SLIDE\">"},
     {".glb", 0, "glTF", "\"generator\":\"SLIDE 3D photo\""},
+    {".ply", 0, "ply\n", "comment SLIDE"},
     {".gif", 0, "GIF89a", "NETSCAPE2.0"},
     {".png", 0, "\x89PNG\r\n", "tEXtSoftware\0SLIDE"sv},
     {".png", 0, "\x89PNG\r\n", "acTL"},

@@ -76,7 +76,7 @@ slide_status slide_size(const slide_photo* photo, int* width, int* height);
 slide_status slide_render(slide_photo* photo, double x, double y, double z, int width, int height,
                           float* rgb);
 
-/* Writes the 3D photo, by extension: .html, .glb, .gif, .png (APNG), .mp4, .webm, .y4m, or a folder of
+/* Writes the 3D photo, by extension: .html, .glb, .ply, .gif, .png (APNG), .mp4, .webm, .y4m, or a folder of
  * frames. A file that exists and that SLIDE has not made is replaced only with settings.overwrite, else it is
  * SLIDE_USAGE. The photo's own file is never replaced. */
 slide_status slide_export(const slide_photo* photo, const char* path);

@@ -93,7 +93,8 @@ void declare_output(CLI::App& app, Options& o) {
   const char* group = "Output";
   app.add_option(
          "-o,--output", o.outputs,
-         "What to make, by extension; several may be given. .html .glb .gif .png (APNG) .mp4 .webm .y4m, a "
+         "What to make, by extension; several may be given. .html .glb .ply (points) .gif .png (APNG) .mp4 "
+         ".webm .y4m, a "
          "folder "
          "of frames, - for frames on standard output. {} stands for the photo's name. Default: PHOTO.3d.html")
       ->allow_extra_args(false)

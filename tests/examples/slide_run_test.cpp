@@ -54,15 +54,31 @@ TEST_CASE(
     "a photo with a depth map becomes a page, a model, an animation, a folder of frames and maps at once") {
   const TemporaryFolder folder;
   const Scene scene(folder);
-  const ProgramResult result =
-      slide_run({scene.photo, "--depth", scene.depth, "-o", folder.file("{}.html"), "-o",
-                 folder.file("{}.glb"), "-o", folder.file("{}.gif"), "-o", folder.file("frames"), "--frames",
-                 "5", "--layers", folder.file("layers"), "--dump-masks", folder.file("masks"), "--json"});
+  const ProgramResult result = slide_run({scene.photo,
+                                          "--depth",
+                                          scene.depth,
+                                          "-o",
+                                          folder.file("{}.html"),
+                                          "-o",
+                                          folder.file("{}.glb"),
+                                          "-o",
+                                          folder.file("{}.ply"),
+                                          "-o",
+                                          folder.file("{}.gif"),
+                                          "-o",
+                                          folder.file("frames"),
+                                          "--frames",
+                                          "5",
+                                          "--layers",
+                                          folder.file("layers"),
+                                          "--dump-masks",
+                                          folder.file("masks"),
+                                          "--json"});
   REQUIRE_MESSAGE(result.code == 0, result.errors);
   const nlohmann::json report = nlohmann::json::parse(result.output)["photos"][0];
   for (const std::string output : report["outputs"]) CHECK_MESSAGE(fs::exists(output), output);
   for (const char* name :
-       {"photo.html", "photo.glb", "photo.gif", "frames/frame_0004.png", "layers/image.png",
+       {"photo.html", "photo.glb", "photo.ply", "photo.gif", "frames/frame_0004.png", "layers/image.png",
         "layers/background.png", "layers/D.pfm", "layers/D1.pfm", "layers/A.pfm", "layers/S.pfm",
         "layers/S_hat.pfm", "layers/D_bg.pfm", "masks/photo.occlusion.png", "masks/photo.strokes.png"})
     CHECK_MESSAGE(fs::exists(folder.file(name)), name);
@@ -388,7 +404,7 @@ TEST_CASE("what SLIDE has not made is replaced only with --overwrite, what it ha
   fs::create_directory(folder.file("frames"));
   // Another program's files: a PNG without SLIDE's mark, and text.
   const std::string png_of_others = SLIDE_TEST_DATA "/images/rgb_8.png";
-  const std::vector<std::string> outputs = {"a.png", "a.gif", "a.html", "a.glb", "a.y4m"};
+  const std::vector<std::string> outputs = {"a.png", "a.gif", "a.html", "a.glb", "a.ply", "a.y4m"};
   fs::copy_file(png_of_others, folder.file("s.png"));
   for (const std::string& name : outputs) fs::copy_file(png_of_others, folder.file(name));
   fs::copy_file(png_of_others, folder.file("layers/image.png"));
