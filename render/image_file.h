@@ -53,8 +53,8 @@ enum class NonFinite { kRefused, kKept };
 
 /// Reads a map (depth, disparity, matte): one value per pixel, H×W×1. PNG with 8 or 16 bits and grey JPEG
 /// give [0, 1]; PFM (of either byte order) and NumPy's .npy (height×width of floats) give their values as
-/// they are; EXR and others through OpenImageIO, in builds with it. Colour files are accepted if their three
-/// channels are equal; transparency is ignored. Orientation is applied.
+/// they are; EXR (its channel Z, if it has one) and others through OpenImageIO, in builds with it. Colour
+/// files are accepted if their three channels are equal; transparency is ignored. Orientation is applied.
 /// @throws Error(kBadInput) as above, and for a NaN or infinite value that is not kept, naming the first such
 /// pixel
 [[nodiscard]] Image read_map(const std::string& path, NonFinite values = NonFinite::kRefused);

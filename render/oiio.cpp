@@ -43,6 +43,16 @@ std::optional<ColourProfile> profile_of(const OIIO::ImageSpec& spec) {
   return read_icc_profile({static_cast<const std::uint8_t*>(icc->data()), icc->type().size()});
 }
 
+/// The channel Z of a file with several, as renderers write it beside the colours, alone or in a layer
+/// ("View.Depth.Z").
+std::optional<int> depth_channel(const OIIO::ImageSpec& spec) {
+  for (int c = 0; c < spec.nchannels; ++c) {
+    const std::string& name = spec.channelnames[static_cast<std::size_t>(c)];
+    if (name == "Z" || name.ends_with(".Z")) return c;
+  }
+  return std::nullopt;
+}
+
 [[noreturn]] void unreadable(const std::string& path, const std::string& why) {
   throw Error(ErrorKind::kBadInput, path + " cannot be read as an image: " + why,
               "JPEG, PNG and PFM are always read; others depend on OpenImageIO");
@@ -136,9 +146,11 @@ Decoded read_through_openimageio(const std::string& path, bool photo, const Size
   const OIIO::ImageSpec& spec = input->spec();
   Decoded result;
   result.exif = exif_of(spec);
-  const int channels = std::min(spec.nchannels, 4);
+  const std::optional<int> depth = photo ? std::nullopt : depth_channel(spec);
+  const int first = depth.value_or(0);
+  const int channels = depth ? 1 : std::min(spec.nchannels, 4);
   result.image = Image(spec.width, spec.height, channels);
-  if (!input->read_image(0, 0, 0, channels, OIIO::TypeDesc::FLOAT, result.image.data.data())) {
+  if (!input->read_image(0, 0, first, first + channels, OIIO::TypeDesc::FLOAT, result.image.data.data())) {
     unreadable(path, input->geterror());
   }
   if (photo) result.profile = profile_of(spec);

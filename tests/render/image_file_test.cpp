@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 #include <sys/stat.h>
 
+#include <bit>
 #include <cmath>
 #include <fstream>
 #include <functional>
@@ -463,6 +464,50 @@ TEST_CASE("A volume is refused, not written behind the picture's end") {
   std::ofstream(path, std::ios::binary) << dds;
   CHECK_THROWS_AS((void)slide::read_photo(path), slide::Error);
   CHECK_THROWS_AS((void)slide::read_map(path), slide::Error);
+}
+
+TEST_CASE("Of an EXR with colours and depth the depth is the map") {
+  if (!slide::has_openimageio()) return;
+  // OpenEXR's file layout: magic and version, attributes, a table of offsets, and scan lines whose channels
+  // come in alphabetical order; nothing compressed. 2×2 pixels.
+  std::string file("\x76\x2F\x31\x01\x02\0\0\0", 8);
+  const auto number = [](std::uint64_t value, int bytes) {
+    std::string text;
+    for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> (8 * i) & 0xFFU);
+    return text;
+  };
+  const auto real = [&](float value) { return number(std::bit_cast<std::uint32_t>(value), 4); };
+  const auto attribute = [&](const std::string& name, const std::string& type, const std::string& value) {
+    file += name + '\0' + type + '\0' + number(value.size(), 4) + value;
+  };
+  const std::vector<std::string> names = {"B", "G", "R", "View.Depth.Z"};
+  std::string channels;
+  for (const std::string& name : names)
+    channels += name + '\0' + number(2, 4) + number(0, 4) + number(1, 4) + number(1, 4);
+  const std::string window = number(0, 4) + number(0, 4) + number(1, 4) + number(1, 4);
+  attribute("channels", "chlist", channels + '\0');
+  attribute("compression", "compression", std::string(1, '\0'));
+  attribute("dataWindow", "box2i", window);
+  attribute("displayWindow", "box2i", window);
+  attribute("lineOrder", "lineOrder", std::string(1, '\0'));
+  attribute("pixelAspectRatio", "float", real(1));
+  attribute("screenWindowCenter", "v2f", real(0) + real(0));
+  attribute("screenWindowWidth", "float", real(1));
+  file += '\0';
+  constexpr std::size_t kLine = 8 + 4 * 2 * 4;
+  const std::size_t first = file.size() + 16;
+  file += number(first, 8) + number(first + kLine, 8);
+  for (int y = 0; y < 2; ++y) {
+    file += number(static_cast<std::uint64_t>(y), 4) + number(kLine - 8, 4);
+    for (int c = 0; c < 4; ++c)
+      for (int x = 0; x < 2; ++x) file += real(static_cast<float>(100 * c + 10 * y + x));
+  }
+  const TemporaryFolder folder;
+  slide::write_bytes(folder.file("z.exr"), std::vector<std::uint8_t>(file.begin(), file.end()));
+  const Image map = slide::read_map(folder.file("z.exr"));
+  check_size(map, 2, 2, 1);
+  CHECK(map.data == std::vector<float>{300, 301, 310, 311});
+  CHECK(slide::read_photo(folder.file("z.exr")).colour.channels == 3);
 }
 
 TEST_CASE("EXR is read and written in the full build, and named as missing in others") {
