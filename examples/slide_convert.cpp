@@ -18,6 +18,7 @@
 #include "runtime/program.h"
 #include "weights_tools/convert.h"
 #include "weights_tools/prefix.h"
+#include "weights_tools/transformers_names.h"
 
 namespace {
 
@@ -49,6 +50,13 @@ bool show_progress(const slide::Progress& progress) {
 void run(const Arguments& arguments) {
   using namespace slide;
   std::unique_ptr<WeightReader> reader = open_weights(arguments.file, arguments.key);
+  if (arguments.model != "any" && has_transformers_names(*reader)) {
+    std::fprintf(stderr,
+                 "slide_convert: %s: named as by the transformers library; the names written are those of "
+                 "its authors\n",
+                 arguments.file.c_str());
+    reader = with_authors_names(std::move(reader));
+  }
   if (arguments.model != "any")
     if (const std::string prefix = needless_prefix(*reader, arguments.model); !prefix.empty()) {
       std::fprintf(stderr, "slide_convert: %s: all names begin with \"%s\"; the tensors fit without it\n",
