@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -21,6 +22,7 @@ namespace slide::graphs {
 struct NetworkChoice {
   std::string model;
   const WeightSource* weights = nullptr;  ///< must outlive the use
+  std::int64_t side = 0;                  ///< pixels that a depth network works at: depth_side(); 0: its own
   [[nodiscard]] bool chosen() const noexcept { return weights != nullptr; }
 };
 

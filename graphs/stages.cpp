@@ -2,9 +2,12 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 #include <string>
+#include <string_view>
 #include <vector>
 
+#include "graphs/catalogue.h"
 #include "graphs/depth_anything_v2.h"
 #include "graphs/edges.h"
 #include "graphs/fba.h"
@@ -96,9 +99,9 @@ Value complete(Value rgbd, Value hole, const NetworkChoice& network, const FillS
   return ops::clip(ops::affine(completed, 0.5, 0.5), 0, 1);
 }
 
-/// The photo at the size that slide_depth and slide_matte work at: kSlideSide pixels on its longer side.
-Value slide_sized(Value image) {
-  const ImageSize size = midas_working_size(size_of_image(image), kSlideSide);
+/// The photo with `side` pixels on its longer side, as slide_depth and slide_matte work at it.
+Value slide_sized(Value image, std::int64_t side) {
+  const ImageSize size = midas_working_size(size_of_image(image), side);
   return ops::resize_bicubic(image, size.height, size.width);
 }
 
@@ -113,15 +116,15 @@ Value within_neighbours(Value y, Value coarse) {
 }
 
 /// slide_depth's disparity, its edges brought onto the photo's: in [0, 1].
-Value slide_disparity(Value image) {
-  const Value sized = slide_sized(image);
+Value slide_disparity(Value image, std::int64_t side) {
+  const Value sized = slide_sized(image, side);
   const Value coarse = ops::min_max_normalise(slide_depth(slide_preprocess(sized)));
   return within_neighbours(ops::guided_upsample(coarse, sized, image, kDepthGuideRadius, kGuideEps), coarse);
 }
 
 /// slide_matte's matte, in the same way.
 Value slide_photo_matte(Value image) {
-  const Value sized = slide_sized(image);
+  const Value sized = slide_sized(image, kSlideSide);
   const Value coarse = slide_matte(slide_preprocess(sized));
   return ops::clip(ops::guided_upsample(coarse, sized, image, kMatteGuideRadius, kGuideEps), 0, 1);
 }
@@ -136,24 +139,38 @@ const DepthAnythingV2Config* depth_anything_config(std::string_view model) {
 
 }  // namespace
 
+std::int64_t depth_side(const NetworkChoice& network) {
+  constexpr std::string_view kModels[] = {
+      "slide_depth", "depth_anything_v2_vits", "depth_anything_v2_vitb", "depth_anything_v2_vitl",
+      "midas_v21",   "midas_v21_small"};
+  if (std::ranges::find(kModels, network.model) == std::end(kModels)) {
+    std::string names;
+    for (const std::string_view name : kModels) names.append(names.empty() ? "" : ", ").append(name);
+    throw wrong_model(network, "depth", names);
+  }
+  const SizeRule& rule = find_model(network.model).size;
+  if (network.side == 0) return rule.upper_bound;
+  if (network.side < 1 || network.side % rule.multiple != 0) {
+    const std::int64_t below = std::max(network.side / rule.multiple, std::int64_t{1}) * rule.multiple;
+    throw Error(ErrorKind::kUsage,
+                network.model + " cannot work at " + std::to_string(network.side) + " pixels",
+                "a multiple of " + std::to_string(rule.multiple) + ": " + std::to_string(below) + " or " +
+                    std::to_string(below + rule.multiple));
+  }
+  return network.side;
+}
+
 Value estimate_disparity(Value image, const NetworkChoice& network) {
   const auto sharpened = [&](Value d) { return sharpen_edges(ops::min_max_normalise(d), image); };
   const ImageSize size = size_of_image(image);
-  Value inverse_depth = image;
-  if (network.model == "midas_v21")
-    inverse_depth = midas_v21(midas_preprocess(image, midas_working_size(size, 384)));
-  else if (network.model == "midas_v21_small")
-    inverse_depth = midas_v21_small(midas_preprocess(image, midas_working_size(size, 256)));
-  else if (const DepthAnythingV2Config* config = depth_anything_config(network.model))
-    return sharpened(depth_anything_postprocess(
-        depth_anything_v2(midas_preprocess(image, depth_anything_working_size(size)), *config), size));
-  else if (network.model == "slide_depth")
-    return sharpened(slide_disparity(image));
-  else
-    throw wrong_model(network, "depth",
-                      "slide_depth, depth_anything_v2_vits, depth_anything_v2_vitb, "
-                      "depth_anything_v2_vitl, midas_v21, midas_v21_small");
-  return sharpened(midas_postprocess(inverse_depth, size));
+  const std::int64_t side = depth_side(network);
+  if (network.model == "slide_depth") return sharpened(slide_disparity(image, side));
+  if (const DepthAnythingV2Config* config = depth_anything_config(network.model)) {
+    const Value x = midas_preprocess(image, depth_anything_working_size(size, side));
+    return sharpened(depth_anything_postprocess(depth_anything_v2(x, *config), size));
+  }
+  const Value x = midas_preprocess(image, midas_working_size(size, side));
+  return sharpened(midas_postprocess(network.model == "midas_v21" ? midas_v21(x) : midas_v21_small(x), size));
 }
 
 Value estimate_matte(Value image, const NetworkChoice& network) {

@@ -12,12 +12,18 @@ namespace slide::graphs {
 /// The stages of a 3D photo between images: each takes and gives tensors at the photo's size and hides what
 /// its networks want (their sizes, ranges and layouts).
 
+/// The side that a depth network's picture is brought to, as its authors do: of Depth Anything V2 the shorter
+/// one, of the others the longer one. The network's `side`, or where that is 0 what its authors work at.
+/// Throws Error(kUsage) if the model is no depth network, or cannot work at that side: it is no multiple of
+/// what the network needs.
+[[nodiscard]] std::int64_t depth_side(const NetworkChoice& network);
+
 /// D: the depth network's disparity, min-max normalised; 0 everywhere if there is no relief. MiDaS's is
 /// enlarged bicubically and Depth Anything V2's bilinearly as their authors do, slide_depth's by
 /// ops::guided_upsample with the photo as guide, which brings its edges onto the photo's, within the range of
 /// the 3×3 small pixels around. Then sharpen_edges().
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
-/// Throws Error(kUsage) if the model is no depth network.
+/// Throws Error(kUsage) as depth_side() does.
 Value estimate_disparity(Value image, const NetworkChoice& network);
 
 /// M: the saliency network's map at the photo's size. U²-Net's is computed at 320×320, min-max normalised and

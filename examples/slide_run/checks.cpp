@@ -165,7 +165,7 @@ void check_idle(const CLI::App& app, const Options& o) {
          {"--saliency-weights", "--saliency-model", "--matting-weights", "--matting-model"})
       refuse(option, "it is for --matte auto");
   if (!o.depth.empty() && o.depth != kDepthAuto)
-    for (const char* option : {"--depth-weights", "--depth-model"})
+    for (const char* option : {"--depth-weights", "--depth-model", "--depth-size"})
       refuse(option, "--depth " + o.depth + " takes the network's place");
   if (!depth_is_file(o)) refuse("--depth-kind", "it is for --depth FILE");
   if (o.inpaint_model == kFillAlone) refuse("--inpaint-weights", "--inpaint-model fill has none");

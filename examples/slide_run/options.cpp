@@ -83,6 +83,12 @@ void declare_networks(CLI::App& app, Options& o) {
   network("depth", o.depth_weights, o.depth_model,
           "slide_depth, depth_anything_v2_vits, "
           "depth_anything_v2_vitb, depth_anything_v2_vitl, midas_v21, midas_v21_small");
+  app.add_option(
+         "--depth-size", o.depth_size,
+         "Pixels that the depth network works at, where not at its authors': of Depth Anything V2 on the "
+         "shorter side (518), of the others on the longer (slide_depth, midas_v21 384; small 256)")
+      ->group(group)
+      ->check(CLI::Range(14, 4096));
   network("inpaint", o.inpaint_weights, o.inpaint_model,
           "slide_inpaint, inpaint_coarse, inpaint_deepfill; fill: none, the depth-aware fill alone");
   network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");

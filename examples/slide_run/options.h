@@ -24,6 +24,7 @@ struct Options {
 
   // Networks
   std::string depth_weights, depth_model;
+  int depth_size = 0;
   std::string inpaint_weights, inpaint_model;
   std::string saliency_weights, saliency_model;
   std::string matting_weights, matting_model;

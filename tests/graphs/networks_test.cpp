@@ -1,5 +1,6 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <array>
 #include <string>
 #include <vector>
@@ -10,6 +11,7 @@
 #include "graphs/formula_weights.h"
 #include "graphs/inpaint_coarse.h"
 #include "graphs/inpaint_deepfill.h"
+#include "graphs/stages.h"
 #include "runtime/reference_executor.h"
 #include "tests/graphs/network_support.h"
 
@@ -195,6 +197,34 @@ TEST_CASE("Depth Anything V2's size is a multiple of 14, at least 518 on the sho
   CHECK(depth_anything_working_size({1500, 1000}) == ImageSize{784, 518});
   CHECK(depth_anything_working_size({3000, 4000}, 100) == ImageSize{112, 140});
   CHECK_THROWS_AS((void)depth_anything_working_size({0, 10}), Error);
+}
+
+TEST_CASE("every depth network works at its authors' size, or at a side that is asked for") {
+  const FormulaWeights weights = FormulaWeights::made_up();
+  const auto working_size = [&](const NetworkChoice& network) {
+    Graph g;
+    (void)estimate_disparity(g.input("image", {1, 3, 60, 90}), network);
+    const auto first = std::ranges::find_if(
+        g.nodes(), [](const Node& node) { return node.op != nullptr && node.op->type() == "conv2d"; });
+    const Shape& x = g.node(first->inputs[0]).shape;
+    return ImageSize{x[2], x[3]};
+  };
+  struct Case {
+    const char* model;
+    std::int64_t side;
+    ImageSize size;
+  };
+  for (const Case& c :
+       {Case{"slide_depth", 0, {256, 384}}, Case{"slide_depth", 192, {128, 192}},
+        Case{"midas_v21", 0, {256, 384}}, Case{"midas_v21", 512, {352, 512}},
+        Case{"midas_v21_small", 0, {160, 256}}, Case{"midas_v21_small", 96, {64, 96}},
+        Case{"depth_anything_v2_vits", 0, {518, 784}}, Case{"depth_anything_v2_vits", 28, {28, 42}}}) {
+    CAPTURE(c.model);
+    CHECK(working_size({c.model, &weights, c.side}) == c.size);
+  }
+  for (const Case& c : {Case{"slide_depth", 400, {}}, Case{"depth_anything_v2_vits", 512, {}},
+                        Case{"midas_v21", -32, {}}, Case{"u2net", 0, {}}})
+    CHECK(kind_of([&] { (void)depth_side({c.model, &weights, c.side}); }) == ErrorKind::kUsage);
 }
 
 TEST_CASE("filters whose means are zero are taken as standardised already") {
