@@ -5,6 +5,7 @@
 # so that one source written over ops/simd gives every level. Files must put all they define into namespace SLIDE_ISA.
 # slide_add_word_kernels(files...): the same, and once more for each level that differs from those below it in the products
 # of 8 and 16 bits alone (SLIDE_WORD_LEVEL is defined there; SLIDE_TILES where tiles multiply them): avxvnni, avx512vnni, amx.
+# slide_add_bf16_kernels(files...): once for each level that multiplies bfloat16, where there are such levels.
 set(SLIDE_ISA_LEVELS)
 set(SLIDE_WORD_LEVELS)
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
@@ -80,5 +81,11 @@ function(slide_add_word_kernels)
   endforeach()
   if(TARGET slide_ops_amx)
     target_compile_definitions(slide_ops_amx PRIVATE SLIDE_TILES=1)
+  endif()
+endfunction()
+
+function(slide_add_bf16_kernels)
+  if("avx512bf16" IN_LIST SLIDE_ISA_LEVELS)
+    slide_add_kernels_of("avx512bf16;amx" ${ARGN})
   endif()
 endfunction()

@@ -97,13 +97,17 @@ void AttentionOp::reference(std::span<const Tensor> inputs, Tensor& output) cons
   });
 }
 
-/// softmax_error_weights() of a_j = |scale|·sum |q·k_j|, times |v_j|.
 void AttentionOp::error_scale(std::span<const Tensor> inputs, const Tensor& /*output*/, Tensor& scale) const {
+  error_scale_of(inputs, k256Roundings, scale);
+}
+
+/// softmax_error_weights() of a_j = |scale|·sum |q·k_j|, times |v_j|.
+void AttentionOp::error_scale_of(std::span<const Tensor> inputs, double most, Tensor& scale) const {
   const AttentionExtents e = extents({{inputs[0].shape(), inputs[1].shape(), inputs[2].shape()}});
   double* out = f64(scale);
   for_queries(e, inputs, [&](const Head& head, std::int64_t i) {
     const std::vector<double> weight = softmax_error_weights(
-        scores(e, head, i, scale_, itself), scores(e, head, i, std::fabs(scale_), magnitude));
+        scores(e, head, i, scale_, itself), scores(e, head, i, std::fabs(scale_), magnitude), most);
     for (std::int64_t c = 0; c < e.value_depth; ++c) {
       double sum = 0;
       for (std::int64_t j = 0; j < e.keys; ++j)

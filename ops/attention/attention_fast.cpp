@@ -1,5 +1,7 @@
 #include <algorithm>
+#include <vector>
 
+#include "ops/attention/attention_bf16.h"
 #include "ops/attention/attention_block.h"
 #include "ops/attention/attention_op.h"
 #include "ops/common/elements.h"
@@ -78,9 +80,16 @@ class AttentionKernel : public LevelKernel<AttentionOp, AttentionBlockRoutines> 
 }  // namespace
 
 std::span<const Kernel* const> AttentionOp::kernels() const {
-  static const KernelList<AttentionKernel, AttentionBlockRoutines> list("attention.online",
-                                                                        attention_block_routines());
-  return list.all();
+  static const KernelList<AttentionKernel, AttentionBlockRoutines> exact("attention.online",
+                                                                         attention_block_routines());
+  static const KernelList<AttentionBf16Kernel, AttentionWordsRoutines> rounded("attention.online_bf16",
+                                                                               attention_words_routines());
+  static const std::vector<const Kernel*> all = [] {
+    std::vector<const Kernel*> kernels(exact.all().begin(), exact.all().end());
+    kernels.insert(kernels.end(), rounded.all().begin(), rounded.all().end());
+    return kernels;
+  }();
+  return all;
 }
 
 }  // namespace slide::ops

@@ -22,6 +22,8 @@ class AttentionOp : public Op {
   [[nodiscard]] double scale() const noexcept { return scale_; }
   /// Of inputs that infer() accepts.
   [[nodiscard]] AttentionExtents extents(std::span<const Shape> inputs) const;
+  /// error_scale() where scores may change by `most` of what their errors are relative to.
+  void error_scale_of(std::span<const Tensor> inputs, double most, Tensor& scale) const;
 
   [[nodiscard]] std::string_view type() const override { return "attention"; }
   [[nodiscard]] std::string attributes() const override;

@@ -18,8 +18,8 @@ std::vector<double> sums_of_others(const std::vector<double>& x) {
 
 }  // namespace
 
-std::vector<double> softmax_error_weights(std::span<const double> scores, std::span<const double> a) {
-  constexpr double kMost = 0x1p-16;
+std::vector<double> softmax_error_weights(std::span<const double> scores, std::span<const double> a,
+                                          double most) {
   const std::size_t n = scores.size();
   const auto top = static_cast<std::size_t>(std::ranges::max_element(scores) - scores.begin());
   std::vector<double> change(n);  // A
@@ -28,12 +28,13 @@ std::vector<double> softmax_error_weights(std::span<const double> scores, std::s
     change[j] = a[j] + scores[top] - scores[j];
     sum += std::exp(scores[j] - scores[top]);
   }
-  const double most = *std::ranges::max_element(change);
+  const double greatest = *std::ranges::max_element(change);
   std::vector<double> p(n);
   std::vector<double> terms(n);
   for (std::size_t j = 0; j < n; ++j) {
-    const double exponent = scores[j] - scores[top] + kMost * change[j];
-    p[j] = std::min({1.0, std::exp(exponent + kMost * most) / sum, std::exp(exponent + kMost * change[top])});
+    const double exponent = scores[j] - scores[top] + most * change[j];
+    p[j] =
+        std::min({1.0, std::exp(exponent + most * greatest) / sum, std::exp(exponent + most * change[top])});
     terms[j] = p[j] > 0 ? p[j] * change[j] : 0;
   }
   const std::vector<double> others = sums_of_others(p);

@@ -14,7 +14,8 @@
 /// and `slide::ops::avx2::routines` is what the file compiled with SLIDE_ISA = avx2 defines as
 /// `slide::ops::SLIDE_ISA::routines`.
 ///
-/// SLIDE_EACH_WORD_ISA(X) is the same for the sources of slide_add_word_kernels().
+/// SLIDE_EACH_WORD_ISA(X) is the same for the sources of slide_add_word_kernels(), SLIDE_EACH_BF16_ISA(X),
+/// perhaps of no level, for those of slide_add_bf16_kernels().
 #if defined(SLIDE_HAVE_AVX512BF16)
 #define SLIDE_EACH_WORD_ISA(X)           \
   X(amx, slide::Isa::kAmx)               \
@@ -29,6 +30,11 @@
 #define SLIDE_EACH_ISA(X) X(neon, slide::Isa::kNeon) X(baseline, slide::Isa::kBaseline)
 #else
 #define SLIDE_EACH_ISA(X) X(baseline, slide::Isa::kBaseline)
+#endif
+#if defined(SLIDE_HAVE_AVX512BF16)
+#define SLIDE_EACH_BF16_ISA(X) X(amx, slide::Isa::kAmx) X(avx512bf16, slide::Isa::kAvx512Bf16)
+#else
+#define SLIDE_EACH_BF16_ISA(X)
 #endif
 #if !defined(SLIDE_EACH_WORD_ISA)
 #define SLIDE_EACH_WORD_ISA(X) SLIDE_EACH_ISA(X)
