@@ -107,6 +107,16 @@ void compute(const ReshapeOp& /*op*/, std::span<const Tensor> inputs, Tensor& ou
 }
 
 /// Rows of the result's last axis: each is a run of x with one step.
+/// Where the elements of a plane of `out`, its last two axes, begin in a tensor of those steps.
+std::int64_t plane_start(const Shape& out, const std::vector<std::int64_t>& steps, std::int64_t plane) {
+  std::int64_t at = 0;
+  for (int k = out.rank() - 3; k >= 0; --k) {
+    at += plane % out[k] * steps[static_cast<std::size_t>(k)];
+    plane /= out[k];
+  }
+  return at;
+}
+
 template <typename T>
 void compute(const PermuteOp& op, std::span<const Tensor> inputs, Tensor& output) {
   const Shape& in = inputs[0].shape();
@@ -121,16 +131,20 @@ void compute(const PermuteOp& op, std::span<const Tensor> inputs, Tensor& output
   T* y = output.mutable_data<T>().data();
   const std::int64_t width = out[-1];
   if (out.count() == 0) return;
+  const std::int64_t rows = rank > 1 ? out[-2] : 1;
+  const std::int64_t step = steps[rank - 1];
+  const std::int64_t row_step = rank > 1 ? steps[rank - 2] : 0;
+  // Rows may be of two or four elements: where one begins is found out once for all those of a plane.
   for_ranges(out.count() / width, std::max<std::int64_t>(1, kElementGrain / width),
              [&](std::int64_t begin, std::int64_t end) {
-               for (std::int64_t row = begin; row < end; ++row) {
-                 std::int64_t at = 0;
-                 std::int64_t rest = row;
-                 for (std::size_t k = rank - 1; k-- > 0;) {
-                   at += rest % out[static_cast<int>(k)] * steps[k];
-                   rest /= out[static_cast<int>(k)];
-                 }
-                 for (std::int64_t j = 0; j < width; ++j) y[row * width + j] = x[at + j * steps[rank - 1]];
+               for (std::int64_t row = begin; row < end;) {
+                 const std::int64_t first = row % rows;
+                 const std::int64_t count = std::min(rows - first, end - row);
+                 const T* from = x + plane_start(out, steps, row / rows) + first * row_step;
+                 T* to = y + row * width;
+                 for (std::int64_t i = 0; i < count; ++i)
+                   for (std::int64_t j = 0; j < width; ++j) to[i * width + j] = from[i * row_step + j * step];
+                 row += count;
                }
              });
 }

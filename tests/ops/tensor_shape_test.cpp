@@ -184,3 +184,31 @@ TEST_CASE("a join that would keep memory too long is copied: sharing never makes
   CHECK(plan.arena_bytes <= (1 + 4 + 4) * 64 * 64 * sizeof(float));
   check_against_reference(g, shape, 1e-5);
 }
+
+TEST_CASE(
+    "a permuted tensor has each element where its index goes, over many tasks and planes of any width") {
+  struct Case {
+    Shape x;
+    std::vector<int> axes;
+  };
+  for (const Case& c : {Case{{6, 4, 4, 37, 37}, {0, 3, 1, 4, 2}}, Case{{3, 2, 2, 19, 151}, {0, 3, 1, 4, 2}},
+                        Case{{130, 300}, {1, 0}}, Case{{5}, {0}}, Case{{7, 3, 11}, {2, 0, 1}},
+                        Case{{2, 3, 40, 200}, {0, 2, 3, 1}}, Case{{4, 1, 3}, {1, 0, 2}}}) {
+    const test::Call call = test::call_of(test::tensor_by(c.x, [](std::int64_t i) { return i; }),
+                                          [&](Value v) { return ops::permute(v, c.axes); });
+    INFO(call.op->attributes(), " of ", c.x.text());
+    const std::vector<double> y = test::values(call.reference());
+    bool right = true;
+    for (std::int64_t i = 0; i < c.x.count(); ++i) {
+      std::vector<std::int64_t> index(static_cast<std::size_t>(c.x.rank()));
+      std::int64_t rest = i;
+      for (int k = c.x.rank() - 1; k >= 0; rest /= c.x[k--])
+        index[static_cast<std::size_t>(k)] = rest % c.x[k];
+      std::int64_t at = 0;
+      for (const int axis : c.axes) at = at * c.x[axis] + index[static_cast<std::size_t>(axis)];
+      right = right && y[static_cast<std::size_t>(at)] == static_cast<double>(i);
+    }
+    CHECK(right);
+    test::judge(call);
+  }
+}
