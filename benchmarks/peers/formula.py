@@ -26,7 +26,7 @@ def tensor(name, shape):
     count = int(np.prod(shape))
     if name.endswith('fuse_weight') and len(shape) >= 2:
         return np.eye(shape[-1], dtype=np.float32).reshape(shape)
-    if len(shape) == 4:
+    if len(shape) == 4 or len(shape) == 2 and name.endswith('weight'):
         scale = np.float32(np.sqrt(6 / (count / shape[0])))
         return (unit(name, count) * scale).reshape(shape)
     if name.endswith('running_mean'):

@@ -178,6 +178,93 @@ class MidasV21Small(Midas):
         self.scratch = self.decoder((32, 48, 136, 384), (64, 128, 256, 512), (64, 64, 128, 256), False, 32)
 
 
+# Depth Anything V2 Small (Yang et al., NeurIPS 2024): see graphs/depth_anything_v2.cpp.
+
+class LayerScale(nn.Module):
+    def __init__(self, channels):
+        super().__init__()
+        self.gamma = nn.Parameter(torch.ones(channels))
+
+    def forward(self, x):
+        return x * self.gamma
+
+
+class Attention(nn.Module):
+    def __init__(self, channels, heads):
+        super().__init__()
+        self.qkv, self.proj, self.heads = nn.Linear(channels, 3 * channels), nn.Linear(channels, channels), heads
+
+    def forward(self, x):
+        n, tokens, channels = x.shape
+        q, k, v = self.qkv(x).reshape(n, tokens, 3, self.heads, channels // self.heads).permute(2, 0, 3, 1, 4)
+        weights = torch.softmax(q * (channels // self.heads) ** -.5 @ k.transpose(-2, -1), -1)
+        return self.proj((weights @ v).transpose(1, 2).reshape(n, tokens, channels))
+
+
+class Block(nn.Module):
+    def __init__(self, channels, heads):
+        super().__init__()
+        self.norm1, self.attn, self.ls1 = nn.LayerNorm(channels, 1e-6), Attention(channels, heads), LayerScale(channels)
+        self.norm2, self.ls2 = nn.LayerNorm(channels, 1e-6), LayerScale(channels)
+        self.mlp = named(fc1=nn.Linear(channels, 4 * channels), fc2=nn.Linear(4 * channels, channels))
+
+    def forward(self, x):
+        x = x + self.ls1(self.attn(self.norm1(x)))
+        return x + self.ls2(self.mlp.fc2(F.gelu(self.mlp.fc1(self.norm2(x)))))
+
+
+class VitFusion(Fusion):
+    def __init__(self, channels, has_level):
+        super().__init__(channels, False, has_level, channels)
+
+    def forward(self, x, level=None, size=None):
+        if level is not None:
+            x = x + self.resConfUnit1(level)
+        x = self.resConfUnit2(x)
+        size = size or [2 * int(n) for n in x.shape[2:]]
+        return self.out_conv(F.interpolate(x, size=size, mode='bilinear', align_corners=True))
+
+
+class DepthAnythingV2(nn.Module):
+    """For 518x518 pixels, at which its position embedding was trained."""
+
+    def __init__(self, channels=384, depth=12, heads=6, features=64, levels=(48, 96, 192, 384)):
+        super().__init__()
+        self.pretrained = named(patch_embed=named(proj=nn.Conv2d(3, channels, 14, 14)), norm=nn.LayerNorm(channels, 1e-6),
+                                blocks=nn.ModuleList(Block(channels, heads) for _ in range(depth)))
+        self.pretrained.cls_token = nn.Parameter(torch.zeros(1, 1, channels))
+        self.pretrained.pos_embed = nn.Parameter(torch.zeros(1, 1 + 37 * 37, channels))
+        resized = [nn.ConvTranspose2d(levels[0], levels[0], 4, 4), nn.ConvTranspose2d(levels[1], levels[1], 2, 2), nn.Identity(),
+                   nn.Conv2d(levels[3], levels[3], 3, 2, 1)]
+        scratch = {f'layer{i + 1}_rn': nn.Conv2d(levels[i], features, 3, 1, 1, bias=False) for i in range(4)}
+        scratch |= {f'refinenet{i + 1}': VitFusion(features, i < 3) for i in range(4)}
+        output = nn.Sequential(nn.Conv2d(features // 2, 32, 3, 1, 1), nn.ReLU(), nn.Conv2d(32, 1, 1), nn.ReLU())
+        self.depth_head = named(projects=nn.ModuleList(nn.Conv2d(channels, n, 1) for n in levels),
+                                resize_layers=nn.ModuleList(resized),
+                                scratch=named(**scratch, output_conv1=nn.Conv2d(features, features // 2, 3, 1, 1), output_conv2=output))
+
+    def encode(self, x):
+        p, (h, w) = self.pretrained, [int(n) // 14 for n in x.shape[2:]]
+        x = torch.cat([p.cls_token, p.patch_embed.proj(x).flatten(2).transpose(1, 2)], 1) + p.pos_embed
+        levels = []
+        for i, block in enumerate(p.blocks):
+            x = block(x)
+            if i in (2, 5, 8, 11):
+                levels.append(p.norm(x)[:, 1:].transpose(1, 2).reshape(1, -1, h, w))
+        return levels
+
+    def forward(self, x):
+        head, levels = self.depth_head, self.encode(x)
+        levels = [resize(project(y)) for y, project, resize in zip(levels, head.projects, head.resize_layers)]
+        s = head.scratch
+        levels = [getattr(s, f'layer{i + 1}_rn')(y) for i, y in enumerate(levels)]
+        y = s.refinenet4(levels[3], size=[int(n) for n in levels[2].shape[2:]])
+        y = s.refinenet3(y, levels[2], [int(n) for n in levels[1].shape[2:]])
+        y = s.refinenet2(y, levels[1], [int(n) for n in levels[0].shape[2:]])
+        y = s.output_conv1(s.refinenet1(y, levels[0]))
+        return s.output_conv2(F.interpolate(y, size=[int(n) for n in x.shape[2:]], mode='bilinear', align_corners=True))
+
+
 # Gated inpainting (Jampani et al., ICCV 2021; Yu et al., ICCV 2019): see graphs/inpaint_coarse.cpp, inpaint_deepfill.cpp.
 
 class Gated(nn.Module):
