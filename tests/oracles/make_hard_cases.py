@@ -63,6 +63,34 @@ class Hard(Maker):
         self.write(name, 'group_norm', {'groups': groups, 'eps': eps}, {'x': x, 'weight': weight, 'bias': bias},
                    x.shape, out)
 
+    def layer_norm(self, name, x, eps=1e-6):
+        """Along axis 1, of 1 x channels x 1 x tokens."""
+        _, channels, _, tokens = x.shape
+        weight, bias = self.normal(channels), self.normal(channels)
+        out = [0.0] * len(x.values)
+        for t in range(tokens):
+            mean, variance = statistics(x.values[t::tokens])
+            deviation = root(variance + Fraction(eps))
+            for c in range(channels):
+                at = c * tokens + t
+                out[at] = float(decimal_of(Fraction(x.values[at]) - mean) / deviation * Decimal(weight.values[c])
+                                + Decimal(bias.values[c]))
+        self.write(name, 'layer_norm', {'axis': 1, 'eps': eps}, {'x': x, 'weight': weight, 'bias': bias}, x.shape, out)
+
+    def attention(self, name, query, key, value, scale=0.25):
+        """One head, 1 x channels x 1 x tokens."""
+        depth, queries, keys, channels = query.shape[1], query.shape[3], key.shape[3], value.shape[1]
+        out = [0.0] * (channels * queries)
+        for i in range(queries):
+            scores = [decimal_of(sum(Fraction(query.values[c * queries + i]) * Fraction(key.values[c * keys + j])
+                                     for c in range(depth)) * Fraction(scale)) for j in range(keys)]
+            weights = [(s - max(scores)).exp() for s in scores]
+            for c in range(channels):
+                row = value.values[c * keys:(c + 1) * keys]
+                out[c * queries + i] = float(sum(w * Decimal(v) for w, v in zip(weights, row)) / sum(weights))
+        self.write(name, 'attention', {'heads': 1, 'scale': scale}, {'query': query, 'key': key, 'value': value},
+                   [1, channels, 1, queries], out)
+
     def unary(self, name, values, function):
         x = Tensor([len(values)], (rounded(v) for v in values))
         self.write(f'{name}_ends', name, {}, {'x': x}, x.shape, (function(v) for v in x.values))
@@ -142,11 +170,29 @@ def others(m):
     m.unary('gelu', ends, lambda v: v * math.erfc(-v / math.sqrt(2)) / 2 if v > -38 else -0.0)
 
 
+def transformers(m):
+    m.layer_norm('layer_norm_mean_1e6', m.normal(1, 24, 1, 19, mean=1e6))
+    m.layer_norm('layer_norm_constant', Tensor([1, 24, 1, 19], [3.25] * 456))
+    massive = m.normal(1, 48, 1, 19)  # a channel far larger than all others, as vision transformers have them
+    m.layer_norm('layer_norm_massive_channel', planted(massive, *((19 * 7 + t, 1e4) for t in range(19))))
+    # A score of 2,500 at every key, which no exponential survives, and the same key everywhere.
+    depth, queries, keys = 16, 19, 141
+    query, key = m.normal(1, depth, 1, queries), m.normal(1, depth, 1, keys)
+    query.values[:queries], key.values[:keys] = [100.0] * queries, [100.0] * keys
+    m.attention('attention_far_scores', query, key, m.normal(1, 6, 1, keys))
+    same = Tensor([1, depth, 1, keys], (v for v in m.normal(depth).values for _ in range(keys)))
+    m.attention('attention_equal_keys', m.normal(1, depth, 1, queries, sigma=30), same, m.normal(1, 6, 1, keys, mean=10))
+    # One key has all the weight, the others' weights are denormal or zero.
+    m.attention('attention_one_key', m.normal(1, depth, 1, queries, sigma=8), m.normal(1, depth, 1, keys, sigma=8),
+                m.normal(1, 6, 1, keys))
+
+
 def main():
     maker = Hard(sys.argv[1])
     convolutions(maker)
     normalisations(maker)
     others(maker)
+    transformers(maker)
 
 
 if __name__ == '__main__':
