@@ -24,7 +24,7 @@ foreach(library ${libraries})
   string(APPEND SLIDE_PC_PRIVATE "-l$<TARGET_FILE_BASE_NAME:${library}> ")
 endforeach()
 install(TARGETS slide ${libraries} EXPORT slideTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development)
-install(FILES examples/c_api/slide.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development)
+install(FILES examples/c_api/slide.h examples/c_api/slide_operator.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development)
 # Left out: what only the libraries' own sources include.
 install(DIRECTORY runtime ops graphs render DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development
   FILES_MATCHING PATTERN "*.h" PATTERN "ops/simd" EXCLUDE PATTERN "render/viewer" EXCLUDE

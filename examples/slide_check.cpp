@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "examples/operator_library.h"
 #include "graphs/catalogue.h"
 #include "graphs/compare_report.h"
 #include "graphs/formula_weights.h"
@@ -40,7 +41,7 @@ struct Arguments {
   bool fused = false;
   std::string precision;
   std::optional<double> error_budget;
-  std::string actual, unit = "fp32";
+  std::string actual, library, unit = "fp32";
   std::optional<double> factor;
   std::int64_t size = 0;
   int rows = 0;
@@ -81,7 +82,8 @@ int judge_result(const Arguments& a) {
   const std::optional<ops::Unit> unit = ops::unit_from_name(a.unit);
   if (!unit) throw Error(ErrorKind::kUsage, "there is no unit named " + a.unit);
   const ops::OperatorCase operator_case = ops::read_case(a.cases.front());
-  const ops::Judgement judgement = ops::judge(operator_case, read_actual(a), *unit, a.factor);
+  const Tensor actual = a.library.empty() ? read_actual(a) : result_of_library(a.library, operator_case);
+  const ops::Judgement judgement = ops::judge(operator_case, actual, *unit, a.factor);
   std::cout << operator_case.op << " in " << a.unit << ": " << ops::text_of(judgement);
   return judgement.passed() ? 0 : 1;
 }
@@ -173,6 +175,12 @@ int run(CLI::App& app, int argc, char** argv) {
   judge->add_option("--actual", a.actual,
                     "the result: .npy, or safetensors with one tensor or one named actual; default: the "
                     "tensor actual in CASE");
+  judge
+      ->add_option(
+          "--library", a.library,
+          "a shared library whose function slide_operator (examples/c_api/slide_operator.h) computes "
+          "the result from the case's inputs, in this process")
+      ->excludes("--actual");
   judge->add_option("--unit", a.unit, "what it was multiplied in: fp32, tf32, bf16, fp16, int8")
       ->check(CLI::IsMember({"fp32", "tf32", "bf16", "fp16", "int8"}))
       ->capture_default_str();

@@ -107,6 +107,34 @@ TEST_CASE("slide_check judge takes a result from its own file or the case, and s
   CHECK(slide_check({"judge", path, "--actual", folder.file("none.npy")}).code == 3);
 }
 
+#if defined(SLIDE_OPERATOR_LIBRARIES)
+TEST_CASE("slide_check judge calls the operator of a shared library") {
+  const TemporaryFolder folder;
+  const std::string path = folder.file("c.safetensors");
+  write_relu_case(path, 2);
+  const auto judge = [&](const std::string& library) {
+    return slide_check({"judge", path, "--library", library});
+  };
+  const std::string built = SLIDE_OPERATOR_LIBRARIES;
+  const ProgramResult right = judge(built + "NONE.so");
+  CHECK_MESSAGE(right.code == 0, right.errors);
+  CHECK(contains(right.output, "relu in fp32: right"));
+  const ProgramResult wrong = judge(built + "LEAVES_LAST.so");
+  CHECK(wrong.code == 1);
+  CHECK(contains(wrong.output, "[1] is -1, should be 2"));
+  const ProgramResult outside = judge(built + "WRITES_BEHIND.so");
+  CHECK(outside.code == 3);
+  CHECK(contains(outside.errors, "wrote outside of its result"));
+  const ProgramResult other =
+      slide_check({"judge", kData + "/hard_cases/exp_ends.safetensors", "--library", built + "NONE.so"});
+  CHECK(other.code == 3);
+  CHECK(contains(other.errors, "slide_operator() returned 7 for exp"));
+  CHECK(judge(folder.file("none.so")).code == 3);
+  CHECK(contains(judge("libm.so.6").errors, "cannot be loaded"));  // not searched for
+  CHECK(slide_check({"judge", path, "--library", built + "NONE.so", "--actual", path}).code == 2);
+}
+#endif
+
 TEST_CASE("slide_check judge prints what its page shows") {
   const TemporaryFolder folder;
   const std::string path = kData + "/onnx_cases/test_basic_conv_with_padding.safetensors";
