@@ -35,7 +35,7 @@ class Case:
 
 
 INPUTS = {
-    'midas_v21': ['x'], 'midas_v21_small': ['x'], 'u2net': ['x'], 'u2netp': ['x'], 'slide_depth': ['x'],
+    'midas_v21': ['x'], 'depth_anything_v2_vits': ['x'], 'midas_v21_small': ['x'], 'u2net': ['x'], 'u2netp': ['x'], 'slide_depth': ['x'],
     'inpaint_coarse': ['rgbd', 'mask'], 'inpaint_deepfill': ['rgbd', 'mask'], 'slide_inpaint': ['rgbd', 'disparity', 'hole'],
     'fba': ['image', 'two_chan_trimap', 'image_n', 'trimap_transformed'],
 }
@@ -44,6 +44,7 @@ CASES = [
     Case('midas_v21_384x384', 'midas_v21', 'MidasV21', (384, 384), quick=True, quantise=True, int8_budget=.5),
     Case('midas_v21_small_256x256', 'midas_v21_small', 'MidasV21Small', (256, 256), quick=True, quantise=True, int8_budget=.13),
     Case('midas_v21_small_256x384', 'midas_v21_small', 'MidasV21Small', (256, 384), quantise=True, int8_budget=.1),
+    Case('depth_anything_v2_vits_518x518', 'depth_anything_v2_vits', 'DepthAnythingV2', (518, 518)),
     Case('inpaint_coarse_w24_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 24, quick=True, quantise=True),
     Case('inpaint_coarse_w48_256x256', 'inpaint_coarse', 'InpaintCoarse', (256, 256), 48, quick=True, quantise=True),
     Case('inpaint_coarse_w24_672x1008', 'inpaint_coarse', 'InpaintCoarse', (672, 1008), 24, quantise=True),
