@@ -2,6 +2,7 @@
 
 #include <CLI/CLI.hpp>
 #include <cstdio>
+#include <filesystem>
 #include <iostream>
 #include <memory>
 #include <optional>
@@ -71,6 +72,8 @@ int check_operators(const Arguments& a) {
 Tensor read_actual(const Arguments& a) {
   const std::string& path = a.actual.empty() ? a.cases.front() : a.actual;
   if (path.ends_with(".npy")) return ops::read_npy(path);
+  if (a.actual.empty() && (path.ends_with(".onnx") || std::filesystem::is_directory(path)))
+    throw Error(ErrorKind::kUsage, path + ": a node test holds no result to judge", "give it with --actual");
   const std::optional<Tensor> tensor = ops::tensor_in(path, "actual");
   if (!tensor)
     throw Error(ErrorKind::kBadInput, path + ": there is no tensor \"actual\"",

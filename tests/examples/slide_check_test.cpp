@@ -7,6 +7,7 @@
 #include "runtime/cpu.h"
 #include "runtime/safetensors_writer.h"
 #include "tests/examples/program.h"
+#include "tests/ops/onnx_node.h"
 
 using namespace slide;
 using slide::test::ProgramResult;
@@ -57,6 +58,29 @@ TEST_CASE("slide_check generate writes cases that op passes, and refuses what it
   CHECK(slide_check({"generate", "layer_norm", "--count", "0", "-o", cases}).code == 2);
   CHECK(slide_check({"generate", "layer_nrm", "-o", cases}).code == 2);
   CHECK(slide_check({"generate", "relu", "-o", cases + "/layer_norm_4_0000_random.safetensors"}).code == 7);
+}
+
+TEST_CASE("slide_check judges a result of one of ONNX's node tests") {
+  using namespace slide::test;
+  const TemporaryFolder folder;
+  std::filesystem::create_directory(folder.file("test_data_set_0"));
+  const auto write = [&](const std::string& name, const std::string& content) {
+    std::ofstream(folder.file(name), std::ios::binary) << content;
+  };
+  write("model.onnx", onnx_model("Relu", {"x"}));
+  write("test_data_set_0/input_0.pb", onnx_tensor({3}, {-1, 2, 3}));
+  write("test_data_set_0/output_0.pb", onnx_tensor({3}, {0, 2, 3}));
+  const std::string actual = folder.file("y.safetensors");
+  write_safetensors(actual, {{"y", Tensor::from<float>({3}, std::vector<float>{0, 2, 3})}});
+  const std::string model = folder.file("model.onnx");
+  CHECK(slide_check({"op", model}).code == 0);
+  CHECK(slide_check({"judge", model, "--actual", actual}).code == 0);
+  CHECK(slide_check({"judge", folder.path().string(), "--actual", actual}).code == 0);
+  write_safetensors(actual, {{"y", Tensor::from<float>({3}, std::vector<float>{-1, 2, 3})}});
+  CHECK(slide_check({"judge", model, "--actual", actual}).code == 1);
+  const ProgramResult none = slide_check({"judge", model});
+  CHECK(none.code == 2);
+  CHECK(contains(none.errors, "--actual"));
 }
 
 TEST_CASE("slide_check op ends with 1 if a case fails, and still checks the others") {
