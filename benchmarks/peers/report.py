@@ -21,7 +21,7 @@ TITLES = {
 PAIRS = (('slide-fp32', 'ort-fp32'), ('slide-bf16', 'torch-bf16'), ('slide-int8', 'ort-int8'))
 # Of each pair's peer, or of the one that is named.
 AIMS = {
-    'midas_v21': (.70, .75, .85), 'depth_anything_v2_vits': (.60, .60, .75), 'midas_v21_small': (.60, .50, .65), 'u2net': (.40, .60, (.25, 'ort-fp32')), 'u2netp': (.40, .60, (.25, 'ort-fp32')),
+    'midas_v21': (.70, .75, .85), 'depth_anything_v2_vits': (.60, .60, None), 'midas_v21_small': (.60, .50, .65), 'u2net': (.40, .60, (.25, 'ort-fp32')), 'u2netp': (.40, .60, (.25, 'ort-fp32')),
     'fba': (.55, None, None), 'inpaint_coarse': (.45, .50, .60), 'slide_depth': (None, None, None), 'slide_inpaint': (None, None, None),
     'inpaint_deepfill': (None, None, None),
 }
