@@ -7,10 +7,10 @@
 
 namespace slide::graphs {
 
-/// The parameters of soft layering (Jampani et al., ICCV 2021, section 3.2; spec section 2). What is not set
-/// follows from the largest parallax of the camera path. With beta = P²/12 the visibility is one half where
-/// neighbours are pulled sqrt(12·ln 2) = 2.9 pixels apart: less keeps stretching, jumps are cut. The paper
-/// blurs (sigma) to smooth its network's steps; here that would only widen the seam (docs/views.md).
+/// The parameters of soft layering (Jampani et al., ICCV 2021, section 3.2; docs/method.md, section 4). What is
+/// not set follows from the largest parallax of the camera path. With beta = P²/12 the visibility is one half
+/// where neighbours are pulled sqrt(12·ln 2) = 2.9 pixels apart: less keeps stretching, jumps are cut. The
+/// paper blurs (sigma) to smooth its network's steps; here that would only widen the seam (docs/views.md).
 struct LayeringParams {
   double parallax = 0;               ///< P, pixels: disparity 1 against disparity 0 over the whole path; >= 0
   std::optional<double> beta = {};   ///< steepness of the visibility; default P²/12

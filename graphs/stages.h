@@ -58,15 +58,15 @@ struct Background {
   Value disparity;  ///< D_bg, the same from D1, and never above D1
 };
 
-/// Depth-aware RGBD inpainting and the spec's composite (section 3). Sides that the network cannot take are
+/// Depth-aware RGBD inpainting and the composite of docs/method.md, section 5. Sides that the network cannot take are
 /// padded at the bottom and right by the border pixel, and cut again. Without a network the depth-aware fill
 /// stands in for it.
 /// @param image        1×3×H×W in [0, 1]: the photo, with a matte SubjectRim::behind
 /// @param disparity    D1, 1×1×H×W
 /// @param disocclusion S, 1×1×H×W
 /// @param hole         H, 1×1×H×W
-/// @param sources      for the fill and slide_inpaint, which starts from it; other networks see the hole
-/// alone Throws Error(kUsage) if the model is no inpainting network.
+/// @param sources      for the fill and slide_inpaint, which starts from it; others see the hole alone
+/// Throws Error(kUsage) if the model is no inpainting network.
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,
                               const NetworkChoice& network, const FillSources& sources = {});
 

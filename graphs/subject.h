@@ -21,13 +21,11 @@ struct SubjectRim {
 ///   1. The subject's disparity n and that of what is around, f, are continued into the rim by
 ///      push_pull_fill() from pixels with M > 0.95 (for f: M < 0.05) that have no others within r pixels;
 ///      others of that kind count 1e-8.
-///   2. Agreement, within r pixels of the rim, which is where 4·M·(1 - M) or M's range over 3×3 pixels
-///   exceeds
-///      0.1 (elsewhere 0):
-///        e = smoothstep(n - f, 0.06, 0.12) · (1 - smoothstep(mean of |[D > (n + f)/2] - [M > 1/2]|, 0.25,
-///        0.4)),
-///      the mean over about 2r + 1 pixels. So misplaced edges of either are put up with, not that both show
-///      different things, nor that the subject is behind.
+///   2. Agreement, within r pixels of the rim, which is where 4·M·(1 - M) or M's range over 3×3 pixels is
+///      above 0.1 (elsewhere 0), with d the mean of |[D > (n + f)/2] - [M > 1/2]| over about 2r + 1 pixels:
+///        e = smoothstep(n - f, 0.06, 0.12) · (1 - smoothstep(d, 0.25, 0.4)).
+///      So misplaced edges of either are put up with, not that both show different things, nor that the
+///      subject is behind.
 ///   3. The subject's layer is what lies within round(W/160) pixels of M > 0.02, so that hair and the gaps in
 ///      it move together. There D becomes max(D, n), elsewhere min(D, f); `opaque` is the same with M > 0.98
 ///      in place of that layer.

@@ -42,7 +42,7 @@ struct KernelCheck {
   double expected_rms = 0;     ///< Kernel::expected_error(), more or 0 where results cancel: see kRmsFactor
   std::int64_t outside = 0;    ///< elements outside the kernel's domain that are NaN or infinite
   double of_bound = 0;         ///< max |y - y64| / bound with the kernel's stated bound
-                        ///< factor · u · scale + max(factor, 1) · 2^-126 (what flushing denormals may cost)
+      ///< factor · u · scale + max(factor, 1) · 2^-126 (what flushing denormals may cost)
   double factor = 0;           ///< Kernel::error_factor()
   std::int64_t unwritten = 0;  ///< output elements that still hold what the output was filled with
   bool guards_intact = true;   ///< nothing was written beside the output or the scratch memory

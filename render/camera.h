@@ -13,7 +13,7 @@ struct RigidTransform {
   glm::dvec3 translation{0.0};
 };
 
-/// The horizontal field of view taken where a photo does not tell its own, in degrees (slide.md section 4).
+/// The horizontal field of view taken where a photo does not tell its own, in degrees (docs/method.md, section 1).
 inline constexpr double kDefaultFov = 53.13;
 
 /// The camera that took the photo: a pinhole with its principal point at the image's centre, ((W-1)/2,

@@ -50,8 +50,7 @@ struct PathOptions {
 
 /// Reads a camera path from a JSON file:
 ///
-///     {"frames": [{"rotation": [[1,0,0],[0,1,0],[0,0,1]], "translation": [0,0,0], "zoom": 1, "shift":
-///     [0,0]}, ...]}
+///     {"frames": [{"rotation": [[1,0,0],[0,1,0],[0,0,1]], "translation": [0,0,0], "zoom": 1, "shift": [0,0]}, ...]}
 ///
 /// Per frame, Xcam = rotation · X + translation takes scene points into that frame's camera; `rotation` is
 /// given by rows; x is to the right, y down, z forward; the photo's own camera is the identity; a scene unit
@@ -59,10 +58,9 @@ struct PathOptions {
 /// and `shift` (of the principal point, pixels of the photo; default 0) may be left out, and so may a
 /// rotation or translation that does nothing. A rotation may be off by rounding, up to 1e-3 in any entry of
 /// R·Rᵀ, and is made orthonormal.
-/// @throws Error(kBadInput) naming the file and the place for whatever is wrong: syntax, unknown keys,
-/// shapes, numbers
-///   that are not finite or beyond 1e6, matrices that are no rotations, no frames, more than 100000 frames,
-///   more than 64 MiB
+/// @throws Error(kBadInput) naming the file and the place for whatever is wrong: syntax, unknown keys, shapes,
+///   numbers that are not finite or beyond 1e6, matrices that are no rotations, no frames, more than 100000
+///   frames, more than 64 MiB
 [[nodiscard]] std::vector<View> read_pose_file(const std::string& path);
 
 /// As read_pose_file, from text; `name` stands for the file in messages.

@@ -12,14 +12,11 @@ namespace slide {
 /// What depth the model has.
 enum class GlbDepth {
   /// A shallow relief. Depth runs from 1 to 1.3 with the same order, and the photo is seen at 40 degrees on
-  /// its longer
-  /// side, so that a viewer that looks from anywhere near the front shows the photo. The plane of `focus`
-  /// lies at
-  /// the origin and is one unit long.
+  /// its longer side, so that a viewer that looks from anywhere near the front shows the photo. The plane of
+  /// `focus` lies at the origin and is one unit long.
   kRelief,
   /// The scene's: the camera's own depths and units, the camera at the origin. Seen from elsewhere it is a
-  /// funnel, as
-  /// everything that one photo shows is.
+  /// funnel, as everything that one photo shows is.
   kTrue,
 };
 

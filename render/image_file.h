@@ -41,9 +41,8 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{1} << 30;
 ///
 /// A depth map in the file is turned as the photo is, and the check is asked for its size, too.
 ///
-/// @throws Error(kBadInput) naming the file: missing, truncated or damaged, CMYK, more than kMaxImageSide
-/// pixels a
-///         side or kMaxImagePixels in all, or of a format this build does not read
+/// @throws Error(kBadInput) naming the file: missing, truncated or damaged, CMYK, more than kMaxImageSide pixels
+///         a side or kMaxImagePixels in all, or of a format this build does not read
 /// @throws Error(kOutOfMemory)
 [[nodiscard]] Photo read_photo(const std::string& path, const SizeCheck& check = {},
                                EmbeddedMap map = EmbeddedMap::kIgnored);

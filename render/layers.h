@@ -6,7 +6,7 @@
 
 namespace slide {
 
-/// One layer of a 3D photo: a textured height field (slide.md section 4).
+/// One layer of a 3D photo: a textured height field (docs/method.md, section 6).
 struct Layer {
   Image colour;     ///< H×W×3, [0, 1]
   Image disparity;  ///< H×W×1, [0, 1]: 1 is nearest, 0 is farthest

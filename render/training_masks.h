@@ -6,7 +6,7 @@
 
 namespace slide {
 
-/// The masks that the inpainting network is trained with (spec, section 3); 1 inside the hole.
+/// The masks that the inpainting network is trained with; 1 inside the hole.
 
 /// The occlusion mask of a photo: S_hat > 0.05, the places that something nearer may cover.
 [[nodiscard]] Image occlusion_mask(const Image& occlusion);

@@ -8,9 +8,8 @@ namespace slide::ops {
 /// The operator of contextual_attention().
 ///
 /// With r = rate, the features reduced by taking every r-th pixel (0, r, 2r, ...) to h×w, n = h·w positions:
-///   scores   S[l,p] = <patch of background at l, patch of foreground at p> / max(|patch at l|, 1e-4),
-///   patches
-///            patch × patch at stride 1, zero outside;
+///   scores   S[l,p] = <patch of background at l, patch of foreground at p> / max(|patch at l|, 1e-4), the
+///            patches patch × patch at stride 1, zero outside;
 ///   fusing   F over the n×n plane S (zero outside), then, with both axes taken in column-major order of the
 ///            positions, F again;
 ///   mask     m[l] = 1 where no pixel of the mask lies in the patch at l, else 0;
@@ -27,8 +26,7 @@ class ContextualAttentionOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   /// With E the scores' own scale (the same steps over absolute values), a relative error of the scores of
-  /// u·E changes A[l,p] by the factor e^(softmax_scale·u·(E[l,p] + mean of E[.,p] under the softmax)) at
-  /// most, so
+  /// u·E changes A[l,p] by at most the factor e^(softmax_scale·u·(E[l,p] + mean of E[.,p] under the softmax)), so
   ///   sum over the patches of (A + 2^-102) · |background| / 4 · (1 + softmax_scale · (E + mean E)) + 2^-102,
   /// 2^-102 for what is flushed to zero.
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;

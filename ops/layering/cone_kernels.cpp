@@ -1,6 +1,5 @@
-// Dilation by a cone along a line in three steps an element, whatever the radius m: the window maximum of van
-// Herk
-// ("A fast algorithm for local minimum and maximum filters", 1992) and Gil and Werman (1993), with the
+// Dilation by a cone along a line in three steps an element, whatever the radius m: the window maximum of
+// van Herk ("A fast algorithm for local minimum and maximum filters", 1992) and Gil and Werman (1993), with the
 // candidates' order taken from the cone. Look at the window to one side, the m + 1 elements up to p. The line
 // is cut into blocks of m + 1 elements; the window is the end of one block and the beginning of the next.
 // Each block's best candidate from every element to the block's end (backward pass, stored) and from the

@@ -14,7 +14,7 @@ Value gaussian_blur(Value x, double sigma);
 /// x: N×1×H×W; the result N×2×H×W holds gx = ([1 2 1]^T ∗ [-1 0 1])/8 and gy, its transpose.
 Value sobel(Value x);
 
-/// Dilation by a cone along scan lines (spec, section 2.3): y(p) = max over i in N(p) of x(i) - rho·K(i),
+/// Dilation by a cone along scan lines (docs/method.md, section 4): y(p) = max over i in N(p) of x(i) - rho·K(i),
 /// N(p) = the pixels of the same row and of the same column within `radius` pixels, p itself included, K the
 /// distance. The window is cut at the image's border (replicating it would change nothing: a copy is farther
 /// than what it copies). rho >= 0, radius >= 0, of any size. x: N×C×H×W. NaN in x spreads to all windows that

@@ -22,7 +22,7 @@ Value layer_norm(Value x, int axis, Value weight, Value bias, double eps);
 Value weight_standardise(Value weight, double eps);
 
 /// (x - min) / (max - min) over all elements; zeros everywhere if max - min <= 1e-6 · max(1, |max|), a scene
-/// without relief (spec, section 1). NaN everywhere if an element is NaN or infinite, so that it is never
+/// without relief (docs/method.md, section 2). NaN everywhere if an element is NaN or infinite, so that it is never
 /// normalised away.
 Value min_max_normalise(Value x);
 

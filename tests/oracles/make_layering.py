@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""Golden maps of soft layering in float64, straight from the definition (spec: conditioning, eq. 1 to 3, matte).
+"""Golden maps of soft layering in float64, straight from the definition (docs/method.md: conditioning, eq. 1 to 3, matte).
 
   make_layering.py OUT.safetensors      Debian: python3-numpy
 
