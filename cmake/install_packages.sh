@@ -1,5 +1,6 @@
 #!/bin/sh
-# Installs the Debian packages that are missing, and does nothing (in well under a second) when none is.
+# Installs the Debian packages that are missing, and does nothing (in well under a second) when none is. Where there is no
+# apt-get it says what has to be there, and leaves the rest to CMake.
 #   install_packages.sh build           to build and run
 #   install_packages.sh build test ci   also to run all tests, and everything .ci/run does
 set -eu
@@ -10,6 +11,12 @@ test="doctest-dev"
 ci="ccache clang-14 libomp-14-dev libclang-rt-14-dev clang-format-14 clang-tidy-14 libbenchmark-dev nodejs npm chromium
   ffmpeg groff-base parallel rsync pkg-config qemu-user-static g++-aarch64-linux-gnu libjpeg62-turbo-dev:arm64 libpng-dev:arm64
   zlib1g-dev:arm64"
+
+if ! command -v apt-get >/dev/null 2>&1 || ! command -v dpkg-query >/dev/null 2>&1; then
+  echo "No Debian packages here. Needed are a compiler of C++20 (g++ 12, clang 14), CMake 3.22, Ninja, OpenImageIO, OpenEXR," \
+    "libjpeg-turbo, libpng, zlib, GLM, nlohmann-json, CLI11, and for the tests doctest, with their headers." >&2
+  exit 0
+fi
 
 wanted=""
 for set in "$@"; do

@@ -17,7 +17,9 @@ for file in bin/slide_check bin/slide_convert share/man/man1/slide_run.1 \
   share/bash-completion/completions/slide_run include/slide/slide.h; do
   [ -s "$prefix/$file" ] || fail "$file was not installed"
 done
-find "$prefix/share/doc" -name LICENSE | grep -q . || fail "the licence was not installed"
+for text in LICENSE NOTICE weights.md; do
+  find "$prefix/share/doc" -name "$text" | grep -q . || fail "$text was not installed"
+done
 "$prefix/bin/slide_run" --version | grep -q slide_run
 if grep -rlF "$(cd "$source/../.." && pwd)" "$prefix" --include='*.cmake' --include='*.pc' --include='*.h'; then
   fail "these files name folders of the build"
@@ -29,6 +31,15 @@ fi
 "$work/user/use_c" "$work/page.html"
 [ -s "$work/page.html" ] || fail "the example in C wrote no page"
 "$work/user/use_cpp"
+
+if command -v dpkg-deb >/dev/null && command -v dpkg-shlibdeps >/dev/null; then
+  (cd "$work" && "$(dirname "$cmake")/cpack" -G DEB --config "$build/CPackConfig.cmake" -B "$work/deb" >/dev/null) ||
+    fail "cpack made no package"
+  programs=$(find "$work/deb" -maxdepth 1 -name 'slide_*.deb')
+  dpkg-deb -c "$programs" | grep -q ' ./usr/bin/slide_run$' || fail "slide's package has no usr/bin/slide_run"
+  dpkg-deb -c "$(find "$work/deb" -maxdepth 1 -name 'slide-dev_*.deb')" | grep -q '/slide/slide.h$' ||
+    fail "slide-dev's package has no slide.h"
+fi
 
 command -v pkg-config >/dev/null || { echo "no pkg-config: that part was left out"; exit 0; }
 PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name slide.pc)")
