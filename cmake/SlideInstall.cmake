@@ -9,9 +9,11 @@ install(FILES weights/README.md RENAME weights.md DESTINATION ${CMAKE_INSTALL_DO
 install(FILES weights/slide_depth.md weights/slide_inpaint.md weights/slide_matte.md
   DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT programs)
 if(TARGET slide_docs)
-  install(FILES ${CMAKE_BINARY_DIR}/share/slide_run.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT programs)
-  install(FILES ${CMAKE_BINARY_DIR}/share/slide_run.bash RENAME slide_run COMPONENT programs
-    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+  foreach(program slide_run slide_check slide_convert)
+    install(FILES ${CMAKE_BINARY_DIR}/share/${program}.1 DESTINATION ${CMAKE_INSTALL_MANDIR}/man1 COMPONENT programs)
+    install(FILES ${CMAKE_BINARY_DIR}/share/${program}.bash RENAME ${program} COMPONENT programs
+      DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions)
+  endforeach()
 endif()
 
 # The C API, and the C++ libraries from the top one down, which is the order that linkers want.

@@ -2,20 +2,33 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cstdio>
 #include <sstream>
 #include <string_view>
 #include <utility>
 #include <vector>
+
+#include "runtime/cpu.h"
+#include "runtime/version.h"
 
 namespace slide {
 namespace {
 
 using Options = std::vector<const CLI::Option*>;
 
+/// Its own, and those of its option groups, which are subcommands without a name.
 Options options_of(const CLI::App& app, bool positional) {
-  return app.get_options([positional](const CLI::Option* option) {
+  Options options = app.get_options([positional](const CLI::Option* option) {
     return !option->get_group().empty() && option->get_positional() == positional;
   });
+  for (const CLI::App* group : app.get_subcommands([](const CLI::App* a) { return a->get_name().empty(); }))
+    for (const CLI::Option* option : options_of(*group, positional))
+      if (std::ranges::find(options, option) == options.end()) options.push_back(option);
+  return options;
+}
+
+std::vector<const CLI::App*> subcommands_of(const CLI::App& app) {
+  return app.get_subcommands([](const CLI::App* a) { return !a->get_name().empty(); });
 }
 
 bool takes_value(const CLI::Option& option) { return option.get_items_expected_max() > 0; }
@@ -175,24 +188,15 @@ void write_values(std::ostream& out, const CLI::Option& option) {
   out << "      return ;;\n";
 }
 
-}  // namespace
-
-std::string man_page(const CLI::App& app, const std::string& name, const std::string& version) {
-  std::ostringstream out;
-  out << ".TH " << quoted_roff(upper(name)) << " 1 \"\" " << quoted_roff(version) << " \"User Commands\"\n";
-  std::string summary = app.get_description();
-  if (summary.ends_with('.')) summary.pop_back();
-  if (!summary.empty()) summary[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(summary[0])));
-  out << ".SH NAME\n"
-      << roff(name) << " \\- " << roff(summary) << "\n.SH SYNOPSIS\n\\fB" << roff(name) << "\\fR";
-  const Options positionals = options_of(app, true);
-  for (const CLI::Option* option : positionals) {
+/// " FILE ...": what a command takes beside options.
+void write_positionals(std::ostream& out, const CLI::App& command) {
+  for (const CLI::Option* option : options_of(command, true)) {
     out << " \\fI" << roff(option->get_name(true)) << "\\fR";
     if (option->get_items_expected_max() > 1) out << " ...";
   }
-  out << " [\\fIoption\\fR ...]\n.SH ARGUMENTS\n";
-  for (const CLI::Option* option : positionals) write_option(out, *option);
-  out << ".SH OPTIONS\n";
+}
+
+void write_options_by_group(std::ostream& out, const CLI::App& app) {
   const Options options = options_of(app, false);
   for (const std::string& group : app.get_groups()) {
     const auto in_group = [&](const CLI::Option* option) { return option->get_group() == group; };
@@ -201,18 +205,24 @@ std::string man_page(const CLI::App& app, const std::string& name, const std::st
     for (const CLI::Option* option : options)
       if (in_group(option)) write_option(out, *option);
   }
-  write_footer(out, app.get_footer());
-  return out.str();
 }
 
-std::string bash_completion(const CLI::App& app, const std::string& name) {
-  std::ostringstream out;
+void write_subcommand(std::ostream& out, const CLI::App& command) {
+  out << ".SS " << quoted_roff(command.get_name()) << "\n\\fB" << roff(command.get_name()) << "\\fR";
+  write_positionals(out, command);
+  out << " [\\fIoption\\fR ...]\n.PP\n" << roff(command.get_description()) << '\n';
+  for (const CLI::Option* option : options_of(command, true)) write_option(out, *option);
+  for (const CLI::Option* option : options_of(command, false)) write_option(out, *option);
+}
+
+/// A function that completes the options of one command, and files beside them.
+void write_completion(std::ostream& out, const CLI::App& command, const std::string& function) {
+  const Options options = options_of(command, false);
   std::vector<std::string> flags;
-  const Options options = options_of(app, false);
   for (const CLI::Option* option : options)
     for (const std::string& flag : flags_of(*option)) flags.push_back(flag);
   // Bash splits --option=value into three words.
-  out << "# Completion of " << name << " for bash.\n_" << name << "() {\n"
+  out << function << "() {\n"
       << "  local cur=${COMP_WORDS[COMP_CWORD]} prev=${COMP_WORDS[COMP_CWORD-1]}\n"
       << "  COMPREPLY=()\n"
       << "  [[ $prev == = ]] && prev=${COMP_WORDS[COMP_CWORD-2]}\n"
@@ -227,8 +237,92 @@ std::string bash_completion(const CLI::App& app, const std::string& name) {
       << "    compopt -o filenames 2>/dev/null\n"
       << "    mapfile -t COMPREPLY < <(compgen -f -- \"$cur\")\n"
       << "  fi\n"
-      << "}\ncomplete -F _" << name << ' ' << name << '\n';
+      << "}\n";
+}
+
+/// The function of a program with subcommands: their names as the first word, then what they complete.
+void write_choice(std::ostream& out, const CLI::App& app, const std::string& name) {
+  std::vector<std::string> words;
+  for (const CLI::App* command : subcommands_of(app)) words.push_back(command->get_name());
+  for (const CLI::Option* option : options_of(app, false))
+    for (const std::string& flag : flags_of(*option)) words.push_back(flag);
+  out << '_' << name << "() {\n"
+      << "  if ((COMP_CWORD == 1)); then\n"
+      << "    mapfile -t COMPREPLY < <(compgen -W '" << joined(words, " ") << "' -- \"${COMP_WORDS[1]}\")\n"
+      << "    return\n"
+      << "  fi\n"
+      << "  case ${COMP_WORDS[1]} in\n";
+  for (const CLI::App* command : subcommands_of(app))
+    out << "    " << command->get_name() << ") _" << name << '_' << command->get_name() << " ;;\n";
+  out << "    *) COMPREPLY=() ;;\n"
+      << "  esac\n"
+      << "}\n";
+}
+
+std::string version_text(const std::string& name) {
+  return name + " " + std::string(version()) + "\nbuild: " + std::string(build_description()) +
+         "\ninstruction set: " + std::string(name_of(detected_isa())) +
+         "\nfeatures: " + text_of(detected_features());
+}
+
+}  // namespace
+
+std::string man_page(const CLI::App& app, const std::string& name, const std::string& version) {
+  std::ostringstream out;
+  out << ".TH " << quoted_roff(upper(name)) << " 1 \"\" " << quoted_roff(version) << " \"User Commands\"\n";
+  std::string summary = app.get_description();
+  if (summary.ends_with('.')) summary.pop_back();
+  if (!summary.empty()) summary[0] = static_cast<char>(std::tolower(static_cast<unsigned char>(summary[0])));
+  out << ".SH NAME\n"
+      << roff(name) << " \\- " << roff(summary) << "\n.SH SYNOPSIS\n\\fB" << roff(name) << "\\fR";
+  const std::vector<const CLI::App*> commands = subcommands_of(app);
+  if (!commands.empty()) out << " \\fIcommand\\fR ...";
+  write_positionals(out, app);
+  out << " [\\fIoption\\fR ...]\n";
+  if (const Options positionals = options_of(app, true); !positionals.empty()) {
+    out << ".SH ARGUMENTS\n";
+    for (const CLI::Option* option : positionals) write_option(out, *option);
+  }
+  if (!commands.empty()) out << ".SH COMMANDS\n";
+  for (const CLI::App* command : commands) write_subcommand(out, *command);
+  out << ".SH OPTIONS\n";
+  write_options_by_group(out, app);
+  write_footer(out, app.get_footer());
   return out.str();
+}
+
+std::string bash_completion(const CLI::App& app, const std::string& name) {
+  std::ostringstream out;
+  out << "# Completion of " << name << " for bash.\n";
+  const std::vector<const CLI::App*> commands = subcommands_of(app);
+  for (const CLI::App* command : commands)
+    write_completion(out, *command, "_" + name + "_" + command->get_name());
+  if (commands.empty())
+    write_completion(out, app, "_" + name);
+  else
+    write_choice(out, app, name);
+  out << "complete -F _" << name << ' ' << name << '\n';
+  return out.str();
+}
+
+void add_help_options(CLI::App& app, const std::string& name) {
+  const std::string group = app.get_help_ptr()->get_group();
+  const auto printing = [&app, group](const std::string& flag, const std::string& what, const auto& text) {
+    app.add_flag_callback(
+           flag,
+           [text] {
+             std::fputs(text().c_str(), stdout);
+             throw CLI::Success();
+           },
+           what)
+        ->group(group);
+  };
+  printing("--version", "Print the version, how this program was built, and this CPU's level",
+           [name] { return version_text(name) + "\n"; });
+  printing("--man", "Print this as a manual page: " + name + " --man | man -l -",
+           [&app, name] { return man_page(app, name, "SLIDE " + std::string(version())); });
+  printing("--completion", "Print the completion script for bash: source <(" + name + " --completion)",
+           [&app, name] { return bash_completion(app, name); });
 }
 
 }  // namespace slide

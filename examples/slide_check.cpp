@@ -9,6 +9,7 @@
 #include <string>
 #include <vector>
 
+#include "examples/cli_docs.h"
 #include "examples/operator_library.h"
 #include "graphs/catalogue.h"
 #include "graphs/compare_report.h"
@@ -207,6 +208,7 @@ int run(CLI::App& app, int argc, char** argv) {
   compare->add_option("--size", a.size, "longer side to work at; the model's own by default");
   compare->add_option("--rows", a.rows, "lines to print; all by default, what failed always");
   for (CLI::App* command : {op, net, compare}) add_common(*command, a);
+  add_help_options(app, "slide_check");
   app.require_subcommand(1);
   try {
     app.parse(argc, argv);

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "examples/cli_docs.h"
 #include "graphs/calibrate.h"
 #include "graphs/catalogue.h"
 #include "render/image_file.h"
@@ -103,8 +104,8 @@ int parse_and_run(int argc, char** argv) {
       "Converts PyTorch checkpoints (.pt, .pth) and safetensors files to safetensors, and shows what they "
       "hold.");
   Arguments arguments;
-  app.add_option("FILE", arguments.file, "checkpoint or safetensors file")->required();
-  app.add_option("-o,--output", arguments.output, "safetensors file to write");
+  app.add_option("FILE", arguments.file, "checkpoint or safetensors file")->required()->type_name("FILE");
+  app.add_option("-o,--output", arguments.output, "safetensors file to write")->type_name("FILE");
   app.add_option("--model", arguments.model,
                  "what the tensors must fit: " + model_names() + "; default: whichever fits");
   app.add_option("--dtype", arguments.dtype, "of the result's floating-point tensors")
@@ -121,6 +122,7 @@ int parse_and_run(int argc, char** argv) {
   app.add_flag("--overwrite", arguments.overwrite,
                "replace an existing file that slide_convert has not made, too; FILE is never replaced");
   app.add_flag("--verify", arguments.verify, "read everything: checksums must match, values be finite");
+  slide::add_help_options(app, "slide_convert");
   try {
     app.parse(argc, argv);
     if (!arguments.list && !arguments.verify && arguments.output.empty())

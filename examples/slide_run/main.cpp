@@ -2,7 +2,6 @@
 
 #include <cstdio>
 
-#include "examples/cli_docs.h"
 #include "examples/slide_run/checks.h"
 #include "examples/slide_run/job.h"
 #include "examples/slide_run/report.h"
@@ -11,7 +10,6 @@
 #include "runtime/error_model.h"
 #include "runtime/program.h"
 #include "runtime/threads.h"
-#include "runtime/version.h"
 
 namespace slide::run {
 namespace {
@@ -64,12 +62,6 @@ int parse_and_run(int argc, char** argv) {
   } catch (const CLI::ParseError& e) {
     const int code = app.exit(e);
     return code == 0 ? 0 : exit_code(ErrorKind::kUsage);
-  }
-  if (o.man || o.completion) {
-    const std::string page = o.man ? man_page(app, "slide_run", "SLIDE " + std::string(version()))
-                                   : bash_completion(app, "slide_run");
-    std::fputs(page.c_str(), stdout);
-    return 0;
   }
   set_thread_count(o.threads);
   if (!o.isa.empty()) set_isa(isa_from_text(o.isa, "--isa"));

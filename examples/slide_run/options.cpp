@@ -3,10 +3,9 @@
 #include <cmath>
 #include <limits>
 
+#include "examples/cli_docs.h"
 #include "graphs/layering.h"
-#include "runtime/cpu.h"
 #include "runtime/error.h"
-#include "runtime/version.h"
 
 namespace slide::run {
 namespace {
@@ -246,22 +245,9 @@ void declare_running(CLI::App& app, Options& o) {
   app.add_flag("--json", o.json, "Print a report as JSON")->group(running);
 }
 
-std::string version_text() {
-  return "slide_run " + std::string(version()) + "\nbuild: " + std::string(build_description()) +
-         "\ninstruction set: " + std::string(name_of(detected_isa())) +
-         "\nfeatures: " + text_of(detected_features());
-}
-
-void declare_help(CLI::App& app, Options& o) {
-  const char* group = "Help";
-  app.get_help_ptr()->group(group);
-  app.set_version_flag("--version", version_text,
-                       "Print the version, how this program was built, and this CPU's level")
-      ->group(group);
-  app.add_flag("--man", o.man, "Print this as a manual page: slide_run --man | man -l -")->group(group);
-  app.add_flag("--completion", o.completion,
-               "Print the completion script for bash: source <(slide_run --completion)")
-      ->group(group);
+void declare_help(CLI::App& app) {
+  app.get_help_ptr()->group("Help");
+  add_help_options(app, "slide_run");
 }
 
 /// Options that mean something only with another one, or only without it.
@@ -287,7 +273,7 @@ void declare(CLI::App& app, Options& options) {
   declare_geometry(app, options);
   declare_networks(app, options);
   declare_running(app, options);
-  declare_help(app, options);
+  declare_help(app);
   declare_dependencies(app);
 }
 

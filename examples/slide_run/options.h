@@ -75,8 +75,6 @@ struct Options {
   bool json = false;
 
   // Help
-  bool man = false;
-  bool completion = false;
 };
 
 /// What --depth says instead of a file: the map that the photo's own file holds, or that or the network.

@@ -73,17 +73,44 @@ TEST_CASE("a manual page has the options by group, their defaults, and the foote
   CHECK(!contains(page, "secret"));
 }
 
-TEST_CASE("the manual page of slide_run is clean for groff") {
-  const slide::test::ProgramResult page = slide::test::run_program(SLIDE_RUN, {"--man"});
-  REQUIRE(page.code == 0);
-  CHECK(contains(page.output, "\\-\\-parallax"));
-  if (shell("command -v groff").starts_with("failed")) {
-    MESSAGE("no groff: the page was not formatted");
-    return;
+TEST_CASE("a manual page has the subcommands with what they take, option groups included") {
+  CLI::App app("Bakes.");
+  bool hot = false;
+  std::string loaf, from;
+  CLI::App* const bread = app.add_subcommand("bread", "bake bread");
+  bread->add_option("LOAF", loaf, "which")->required();
+  CLI::Option_group* const flour = bread->add_option_group("flour");
+  flour->add_option("--rye", from, "rye from here");
+  flour->add_flag("--hot", hot, "while it is hot");
+  app.require_subcommand(1);
+  const std::string page = man_page(app, "bake", "BREAD 2");
+  CHECK(contains(page, "\\fBbake\\fR \\fIcommand\\fR ..."));
+  CHECK(contains(
+      page,
+      ".SH COMMANDS\n.SS \"bread\"\n\\fBbread\\fR \\fILOAF\\fR [\\fIoption\\fR ...]\n.PP\nbake bread\n"));
+  CHECK(contains(page, "\\fB\\-\\-rye\\fR"));
+  CHECK(contains(page, "while it is hot"));
+  CHECK(!contains(page, ".SH ARGUMENTS"));
+  const std::string script = bash_completion(app, "bake");
+  CHECK(completions(script, "bake b", "bake") == "bread\n");
+  CHECK(completions(script, "bake bread --r", "bake") == "--rye\n");
+  CHECK(completions(script, "bake cake --r", "bake") == "\n");
+}
+
+TEST_CASE("the manual pages of the programs are clean for groff") {
+  for (const char* program : {SLIDE_RUN, SLIDE_CHECK, SLIDE_CONVERT}) {
+    CAPTURE(std::string(program));
+    const slide::test::ProgramResult page = slide::test::run_program(program, {"--man"});
+    REQUIRE(page.code == 0);
+    CHECK(contains(page.output, program == std::string(SLIDE_RUN) ? "\\-\\-parallax" : "\\-\\-overwrite"));
+    if (shell("command -v groff").starts_with("failed")) {
+      MESSAGE("no groff: the page was not formatted");
+      continue;
+    }
+    const TemporaryFolder folder;
+    write_text(folder.file("page"), page.output);
+    CHECK(shell("groff -man -Tascii -wall '" + folder.file("page") + "' 2>&1 >/dev/null").empty());
   }
-  const TemporaryFolder folder;
-  write_text(folder.file("page"), page.output);
-  CHECK(shell("groff -man -Tascii -wall '" + folder.file("page") + "' 2>&1 >/dev/null").empty());
 }
 
 TEST_CASE("bash completes options and their values") {
@@ -106,4 +133,20 @@ TEST_CASE("the completion of slide_run is a bash script that completes its optio
   REQUIRE(script.code == 0);
   CHECK(completions(script.output, "slide_run --para", "slide_run") == "--parallax\n");
   CHECK(completions(script.output, "slide_run x.jpg --stereo a", "slide_run") == "anaglyph\n");
+}
+
+TEST_CASE("the completion of slide_check completes its commands and their options") {
+  const slide::test::ProgramResult script = slide::test::run_program(SLIDE_CHECK, {"--completion"});
+  REQUIRE(script.code == 0);
+  CHECK(completions(script.output, "slide_check ju", "slide_check") == "judge\n");
+  CHECK(completions(script.output, "slide_check judge x.safetensors --unit b", "slide_check") == "bf16\n");
+  CHECK(completions(script.output, "slide_check net --form", "slide_check") == "--formula-weights\n");
+}
+
+TEST_CASE("every program tells its version, whatever else it needs") {
+  for (const char* program : {SLIDE_RUN, SLIDE_CHECK, SLIDE_CONVERT}) {
+    const slide::test::ProgramResult result = slide::test::run_program(program, {"--version"});
+    CHECK(result.code == 0);
+    CHECK(contains(result.output, "\ninstruction set: "));
+  }
 }

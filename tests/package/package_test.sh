@@ -13,8 +13,9 @@ mkdir -p "$work"
 mv "$work/first" "$work/prefix"  # a package that was moved after its installation works as well
 prefix=$work/prefix
 
-for file in bin/slide_check bin/slide_convert share/man/man1/slide_run.1 \
-  share/bash-completion/completions/slide_run include/slide/slide.h; do
+for file in bin/slide_check bin/slide_convert share/man/man1/slide_run.1 share/man/man1/slide_check.1 \
+  share/man/man1/slide_convert.1 share/bash-completion/completions/slide_run \
+  share/bash-completion/completions/slide_check share/bash-completion/completions/slide_convert include/slide/slide.h; do
   [ -s "$prefix/$file" ] || fail "$file was not installed"
 done
 for text in LICENSE NOTICE weights.md; do
