@@ -231,7 +231,8 @@ int main(int argc, char** argv) {
   return run_program("slide_check", [&] {
     CLI::App app(
         "Checks operators and networks of this build: float64 definitions against expected numbers, kernels "
-        "against the definitions, in units of their stated bounds.\n"
+        "against the definitions, in units of their stated bounds.");
+    app.footer(
         "Exit codes: 0 all within bounds, 1 something is not, 2 usage, 3 bad input file, 4 bad weights, 5 "
         "out "
         "of memory, 6 internal, 7 the report could not be written.");
