@@ -82,12 +82,59 @@ Tensor read_actual(const Arguments& a) {
   return *tensor;
 }
 
-int judge_result(const Arguments& a) {
+ops::Unit unit_of(const Arguments& a) {
   const std::optional<ops::Unit> unit = ops::unit_from_name(a.unit);
   if (!unit) throw Error(ErrorKind::kUsage, "there is no unit named " + a.unit);
+  return *unit;
+}
+
+/// How many of the cases that a library was asked for came to what.
+struct Verdicts {
+  int right = 0, wrong = 0;
+  std::vector<std::string> errors;
+  ErrorKind first_error = ErrorKind::kBadInput;
+};
+
+/// Judges one case, and shows it if it is wrong.
+void judge_case(const Arguments& a, const std::string& file, Verdicts& verdicts) {
+  try {
+    const ops::OperatorCase c = ops::read_case(file);
+    const ops::Judgement judgement = ops::judge(c, result_of_library(a.library, c), unit_of(a), a.factor);
+    ++(judgement.passed() ? verdicts.right : verdicts.wrong);
+    if (!judgement.passed())
+      std::cout << file << "\n" << c.op << " in " << a.unit << ": " << ops::text_of(judgement) << "\n";
+  } catch (const Error& e) {
+    if (e.kind() != ErrorKind::kBadInput) throw;
+    if (verdicts.errors.empty()) verdicts.first_error = e.kind();
+    verdicts.errors.emplace_back(e.what());
+  }
+}
+
+/// A library on many cases: those that are wrong one by one, then how many there are.
+int judge_library(const Arguments& a, const std::vector<std::string>& files) {
+  Verdicts verdicts;
+  for (const std::string& file : files) judge_case(a, file, verdicts);
+  for (const std::string& error : verdicts.errors) std::cerr << "slide_check: " << error << "\n";
+  std::cout << files.size() << " cases: " << verdicts.right << " right, " << verdicts.wrong << " wrong";
+  if (!verdicts.errors.empty()) std::cout << ", " << verdicts.errors.size() << " without a result";
+  std::cout << "\n";
+  if (verdicts.right + verdicts.wrong == 0) return exit_code(verdicts.first_error);
+  return verdicts.wrong == 0 && verdicts.errors.empty() ? 0 : 1;
+}
+
+int judge_result(const Arguments& a) {
+  if (!a.library.empty()) {
+    std::vector<std::string> files;
+    for (const std::string& path : a.cases)
+      for (std::string& file : ops::case_files(path)) files.push_back(std::move(file));
+    if (files.size() > 1) return judge_library(a, files);
+  } else if (a.cases.size() > 1) {
+    throw Error(ErrorKind::kUsage, "one result cannot be that of several cases",
+                "give one CASE, or --library");
+  }
   const ops::OperatorCase operator_case = ops::read_case(a.cases.front());
   const Tensor actual = a.library.empty() ? read_actual(a) : result_of_library(a.library, operator_case);
-  const ops::Judgement judgement = ops::judge(operator_case, actual, *unit, a.factor);
+  const ops::Judgement judgement = ops::judge(operator_case, actual, unit_of(a), a.factor);
   std::cout << operator_case.op << " in " << a.unit << ": " << ops::text_of(judgement);
   return judgement.passed() ? 0 : 1;
 }
@@ -173,9 +220,11 @@ int run(CLI::App& app, int argc, char** argv) {
                  "case files (.safetensors), ONNX node tests (model.onnx), or folders of them")
       ->required();
   CLI::App* judge = app.add_subcommand("judge", "judge somebody else's result of a case, element by element");
-  judge->add_option("CASE", a.cases, "case file (.safetensors), or an ONNX node test (model.onnx)")
-      ->required()
-      ->expected(1);
+  judge
+      ->add_option("CASE", a.cases,
+                   "case file (.safetensors), or an ONNX node test (model.onnx); with --library also several "
+                   "of them, or folders")
+      ->required();
   judge->add_option("--actual", a.actual,
                     "the result: .npy, or safetensors with one tensor or one named actual; default: the "
                     "tensor actual in CASE");

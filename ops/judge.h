@@ -44,7 +44,7 @@ struct WrongElement {
 
 /// How a result fares against a case, element by element:
 ///     |actual - y64| <= factor · u · scale + max(factor, 1) · 2^-126,
-/// and as a whole, by its rms error.
+/// and as a whole, by its rms error. Where terms of both signs go beyond float32's range, NaN and infinity pass.
 struct Judgement {
   std::string problem;  ///< why nothing could be compared: the shapes; else empty
   std::int64_t elements = 0, wrong = 0;

@@ -156,6 +156,33 @@ TEST_CASE("slide_check judge calls the operator of a shared library") {
   CHECK(judge(folder.file("none.so")).code == 3);
   CHECK(contains(judge("libm.so.6").errors, "cannot be loaded"));  // not searched for
   CHECK(slide_check({"judge", path, "--library", built + "NONE.so", "--actual", path}).code == 2);
+
+  const std::string exp = kData + "/hard_cases/exp_ends.safetensors";
+  const ProgramResult many = slide_check({"judge", path, exp, path, "--library", built + "LEAVES_LAST.so"});
+  CHECK(many.code == 1);
+  CHECK(contains(many.output, path + "\nrelu in fp32: WRONG"));
+  CHECK(contains(many.output, "3 cases: 0 right, 2 wrong, 1 without a result\n"));
+  const ProgramResult both = slide_check({"judge", path, path, "--library", built + "NONE.so"});
+  CHECK(both.code == 0);
+  CHECK(both.output == "2 cases: 2 right, 0 wrong\n");
+  CHECK(slide_check({"judge", exp, exp, "--library", built + "NONE.so"}).code == 3);
+  CHECK(slide_check({"judge", path, path, "--actual", path}).code == 2);
+}
+
+TEST_CASE("slide_check's tutorial prints what its page shows") {
+  const TemporaryFolder folder;
+  const std::string cases = folder.file("cases");
+  REQUIRE(slide_check({"generate", "conv2d", "--count", "64", "-o", cases}).code == 0);
+  const std::string library = SLIDE_TUTORIAL_LIBRARY;
+  const ProgramResult all = slide_check({"judge", cases, "--library", library});
+  CHECK(all.code == 1);
+  const std::vector<std::byte> page = bytes_of_file(kData + "/../../docs/slide_check.md");
+  const std::string text(reinterpret_cast<const char*>(page.data()), page.size());
+  CHECK(contains(text, "\n" + all.output.substr(all.output.rfind('\n', all.output.size() - 2) + 1)));
+  const ProgramResult one =
+      slide_check({"judge", cases + "/conv2d_1_0061_specials.safetensors", "--library", library});
+  CHECK(one.code == 1);
+  CHECK(contains(text, "\n" + one.output));
 }
 #endif
 

@@ -72,6 +72,30 @@ bool says(const Judgement& j, const std::string& part) {
 
 }  // namespace
 
+TEST_CASE("where terms of both signs go beyond float32, a sum may be lost, and only there") {
+  const float most = std::numeric_limits<float>::max();
+  const auto judged = [](const std::vector<float>& x, float y) {
+    const auto n = static_cast<std::int64_t>(x.size());
+    ops::OperatorCase c;
+    c.op = "conv2d";
+    c.inputs = {{"x", floats({1, n, 1, 1}, x)},
+                {"weight", floats({1, n, 1, 1}, std::vector<float>(x.size(), 1.0F))}};
+    c.expected = floats({1, 1, 1, 1}, {0});
+    return ops::judge(c, floats({1, 1, 1, 1}, {y}), Unit::kFp32).passed();
+  };
+  const float nan = std::numeric_limits<float>::quiet_NaN();
+  const float infinity = std::numeric_limits<float>::infinity();
+  const std::vector<float> both = {most, most, -most, -most, -most / 2};
+  CHECK(judged(both, nan));
+  CHECK(judged(both, infinity));
+  CHECK(judged(both, -most / 2));
+  CHECK_FALSE(judged(both, most));
+  const std::vector<float> one = {most, most, -most / 2};
+  CHECK(judged(one, infinity));
+  CHECK_FALSE(judged(one, nan));
+  CHECK_FALSE(judged(one, -infinity));
+}
+
 TEST_CASE("a float32 sum of 4,608 terms is right, and its error is as large as predicted") {
   const Judgement j = judged(sums_of(4608, 2, 3, 5));
   CHECK(j.passed());
