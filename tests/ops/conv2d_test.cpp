@@ -7,6 +7,7 @@
 #include "judge.h"
 #include "kernel_bounds.h"
 #include "runtime/error.h"
+#include "tests/quick.h"
 
 using namespace slide;
 using test::Call;
@@ -144,7 +145,7 @@ std::vector<Tensor> random_inputs(const Case& c, bool bias) {
 
 }  // namespace
 
-TEST_CASE("the float64 convolution is the sum of its definition") {
+TEST_CASE("the float64 convolution is the sum of its definition" * doctest::skip(test::quick())) {
   for (const Case& c : cases())
     for (const bool bias : {false, true}) {
       INFO(c.what, " bias ", bias);
