@@ -74,9 +74,9 @@ Convolution convolution(Random& r, bool gated) {
   return c;
 }
 
-Draft convolution_draft(Random& r, bool gated) {
+CallDraft convolution_draft(Random& r, bool gated) {
   const Convolution c = convolution(r, gated);
-  Draft d;
+  CallDraft d;
   d.attributes = {
       {"stride", c.stride}, {"padding", c.padding}, {"dilation", c.dilation}, {"groups", c.groups}};
   d.inputs = {{"x", {r.chance(0.2) ? 2 : 1, c.groups * c.channels, c.size[0], c.size[1]}, Content::kSignal},
@@ -87,12 +87,12 @@ Draft convolution_draft(Random& r, bool gated) {
 
 // Attention.
 
-Draft attention_draft(Random& r) {
+CallDraft attention_draft(Random& r) {
   const std::int64_t heads = r.integer(1, 3);
   const std::int64_t n = r.integer(1, 2);
   const std::int64_t c = heads * extent(r, 17), v = heads * extent(r, 17);
   const std::int64_t h = extent(r, 5), w = extent(r, 17), key_h = extent(r, 9), key_w = extent(r, 33);
-  Draft d;
+  CallDraft d;
   d.most_reach = 50;  // scores are products of two inputs, and no part of the result's scale where one wins
   d.attributes = {{"heads", heads}, {"scale", r.pick({0.125, 0.25, 1.0})}};
   d.inputs = {{"query", {n, c, h, w}, Content::kSignal},
@@ -101,11 +101,11 @@ Draft attention_draft(Random& r) {
   return d;
 }
 
-Draft contextual_attention_draft(Random& r) {
+CallDraft contextual_attention_draft(Random& r) {
   const std::int64_t rate = r.integer(1, 2);
   const Shape features{1, extent(r, 9), rate * r.integer(3, 6), rate * r.integer(3, 9)};
   const std::int64_t finer = r.pick<std::int64_t>({1, 2, 4});
-  Draft d;
+  CallDraft d;
   d.bounded = true;
   d.attributes = {{"patch", 3}, {"rate", rate}, {"softmax_scale", 10.0}, {"fuse", 3}};
   d.inputs = {{"foreground", features, Content::kSignal},
@@ -117,12 +117,12 @@ Draft contextual_attention_draft(Random& r) {
 
 // Pooling and resampling.
 
-Draft pool_draft(Random& r, bool average) {
+CallDraft pool_draft(Random& r, bool average) {
   const std::array<std::int64_t, 2> kernel = {r.integer(1, 4), r.integer(1, 4)};
   std::array<std::int64_t, 4> padding{};
   if (r.chance(0.6))
     for (std::size_t i = 0; i < 4; ++i) padding[i] = r.integer(0, kernel[i % 2] / 2);
-  Draft d;
+  CallDraft d;
   d.attributes = {{"kernel", kernel},
                   {"stride", {r.integer(1, 3), r.integer(1, 3)}},
                   {"padding", padding},
@@ -134,10 +134,10 @@ Draft pool_draft(Random& r, bool average) {
   return d;
 }
 
-Draft resize_draft(Random& r) {
+CallDraft resize_draft(Random& r) {
   const Shape x = picture(r, extent(r, 5));
   const char* mode = r.pick({"nearest", "linear", "linear", "cubic"});
-  Draft d;
+  CallDraft d;
   // Nearest: by whole factors, or which pixel is nearest would hang on a rounding of the coordinate.
   const bool nearest = std::string_view(mode) == "nearest";
   const std::int64_t factor = r.integer(1, 3);
@@ -155,10 +155,10 @@ Draft resize_draft(Random& r) {
 
 // Shapes, reductions, norms.
 
-Draft concat_draft(Random& r) {
+CallDraft concat_draft(Random& r) {
   const Shape first = any_shape(r);
   const auto axis = static_cast<int>(r.integer(0, first.rank() - 1));
-  Draft d;
+  CallDraft d;
   d.attributes["axis"] = r.chance(0.3) ? axis - first.rank() : axis;
   const std::int64_t count = r.integer(1, 4);
   for (std::int64_t i = 0; i < count; ++i)
@@ -166,17 +166,17 @@ Draft concat_draft(Random& r) {
   return d;
 }
 
-Draft slice_draft(Random& r) {
+CallDraft slice_draft(Random& r) {
   const Shape x = any_shape(r);
   const auto axis = static_cast<int>(r.integer(0, x.rank() - 1));
   const std::int64_t start = r.integer(0, x[axis] - 1);
-  Draft d;
+  CallDraft d;
   d.attributes = {{"axis", axis}, {"start", start}, {"end", r.integer(start + 1, x[axis])}};
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-Draft pad_draft(Random& r) {
+CallDraft pad_draft(Random& r) {
   const Shape x = picture(r, extent(r, 5));
   const char* mode = r.pick({"constant", "edge", "reflect"});
   std::array<std::int64_t, 4> padding{};
@@ -184,58 +184,58 @@ Draft pad_draft(Random& r) {
     padding[i] = r.integer(0, std::string_view(mode) == "reflect"
                                   ? std::min<std::int64_t>(5, x[2 + static_cast<int>(i % 2)] - 1)
                                   : 5);
-  Draft d;
+  CallDraft d;
   d.attributes = {{"padding", padding}, {"mode", mode}, {"value", r.pick({0.0, -1.5})}};
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-Draft reshape_draft(Random& r) {
+CallDraft reshape_draft(Random& r) {
   const Shape x = any_shape(r);
-  Draft d;
+  CallDraft d;
   d.attributes["shape"] = r.chance(0.5) ? Json::array({x.count()}) : Json::array({1, x.count(), 1});
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-Draft permute_draft(Random& r) {
+CallDraft permute_draft(Random& r) {
   const Shape x = any_shape(r);
   std::vector<int> axes;
   for (int i = 0; i < x.rank(); ++i) axes.insert(axes.begin() + r.integer(0, i), i);
-  Draft d;
+  CallDraft d;
   d.attributes["axes"] = axes;
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-Draft reduce_draft(Random& r) {
+CallDraft reduce_draft(Random& r) {
   const Shape x = any_shape(r);
   std::vector<int> axes;
   for (int i = 0; i < x.rank(); ++i)
     if (r.chance(0.5)) axes.push_back(i);
   if (axes.empty()) axes.push_back(-1);
-  Draft d;
+  CallDraft d;
   d.attributes["axes"] = axes;
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-Draft softmax_draft(Random& r) {
+CallDraft softmax_draft(Random& r) {
   const Shape x = any_shape(r);
-  Draft d;
+  CallDraft d;
   d.attributes["axis"] = r.integer(-x.rank(), x.rank() - 1);
   d.inputs = {{"x", x, Content::kSignal}};
   return d;
 }
 
-void add_affine(Draft& d, std::int64_t n) {
+void add_affine(CallDraft& d, std::int64_t n) {
   d.inputs.push_back({"weight", {n}, Content::kParameter});
   d.inputs.push_back({"bias", {n}, Content::kParameter});
 }
 
-Draft batch_norm_draft(Random& r) {
+CallDraft batch_norm_draft(Random& r) {
   const Shape x = picture(r, extent(r, 17));
-  Draft d;
+  CallDraft d;
   d.attributes["eps"] = r.pick({1e-5, 1e-3});
   d.inputs = {{"x", x, Content::kSignal}};
   add_affine(d, x[1]);
@@ -244,20 +244,20 @@ Draft batch_norm_draft(Random& r) {
   return d;
 }
 
-Draft group_norm_draft(Random& r) {
+CallDraft group_norm_draft(Random& r) {
   const std::int64_t groups = r.integer(1, 4);
   const Shape x = picture(r, groups * extent(r, 5));
-  Draft d;
+  CallDraft d;
   d.attributes = {{"groups", groups}, {"eps", 1e-5}};
   d.inputs = {{"x", x, Content::kSignal}};
   add_affine(d, x[1]);
   return d;
 }
 
-Draft layer_norm_draft(Random& r) {
+CallDraft layer_norm_draft(Random& r) {
   const Shape x = any_shape(r);
   const auto axis = static_cast<int>(r.integer(0, x.rank() - 1));
-  Draft d;
+  CallDraft d;
   d.attributes = {{"axis", axis}, {"eps", r.pick({1e-5, 1e-6})}};
   d.inputs = {{"x", x, Content::kSignal}};
   add_affine(d, x[axis]);
@@ -266,64 +266,64 @@ Draft layer_norm_draft(Random& r) {
 
 // Pointwise.
 
-Draft unary_draft(Random& r, const Json& attributes) {
-  Draft d;
+CallDraft unary_draft(Random& r, const Json& attributes) {
+  CallDraft d;
   d.attributes = attributes;
   d.inputs = {{"x", any_shape(r), Content::kSignal}};
   return d;
 }
 
-Draft binary_draft(Random& r) {
+CallDraft binary_draft(Random& r) {
   const Shape x = any_shape(r);
   Shape other = x;
   for (int i = 0; i < x.rank(); ++i)
     if (r.chance(0.25)) other = other.with(i, 1);
   const bool swapped = r.chance(0.25);
-  Draft d;
+  CallDraft d;
   d.inputs = {{"x", swapped ? other : x, Content::kSignal}, {"other", swapped ? x : other, Content::kSignal}};
   return d;
 }
 
 // Layering.
 
-Draft plane_draft(Random& r, const Json& attributes, std::int64_t most_channels) {
-  Draft d;
+CallDraft plane_draft(Random& r, const Json& attributes, std::int64_t most_channels) {
+  CallDraft d;
   d.attributes = attributes;
   d.inputs = {{"x", picture(r, extent(r, most_channels)), Content::kSignal}};
   return d;
 }
 
-Draft fill_draft(Random& r, const Json& attributes) {
-  Draft d = plane_draft(r, attributes, 5);
+CallDraft fill_draft(Random& r, const Json& attributes) {
+  CallDraft d = plane_draft(r, attributes, 5);
   d.inputs.push_back({"weight", d.inputs[0].shape.with(1, 1), Content::kUnit});
   return d;
 }
 
-Draft guided_draft(Random& r) {
+CallDraft guided_draft(Random& r) {
   const Shape guide = picture(r, r.integer(1, 4));
-  Draft d;
+  CallDraft d;
   d.bounded = true;
   d.attributes = {{"radius", r.integer(0, 4)}, {"eps", r.pick({1e-2, 1e-4})}};
   d.inputs = {{"guide", guide, Content::kPicture}, {"x", guide.with(1, 1), Content::kPicture}};
   return d;
 }
 
-Draft foreground_draft(Random& r) {
+CallDraft foreground_draft(Random& r) {
   const Shape image = picture(r, r.integer(1, 4));
-  Draft d;
+  CallDraft d;
   d.bounded = true;
   d.inputs = {{"image", image, Content::kPicture}, {"alpha", image.with(1, 1), Content::kUnit}};
   return d;
 }
 
-using Make = Draft (*)(Random&);
+using Make = CallDraft (*)(Random&);
 struct Entry {
   std::string_view op;
   Make make;
 };
 
-Draft plain_unary(Random& r) { return unary_draft(r, Json::object()); }
-Draft x_alone(Random& r) { return plane_draft(r, Json::object(), 17); }
+CallDraft plain_unary(Random& r) { return unary_draft(r, Json::object()); }
+CallDraft x_alone(Random& r) { return plane_draft(r, Json::object(), 17); }
 
 constexpr Entry kEntries[] = {
     {"conv2d", [](Random& r) { return convolution_draft(r, false); }},
@@ -391,7 +391,7 @@ constexpr Entry kEntries[] = {
     {"layer_norm", layer_norm_draft},
     {"weight_standardise",
      [](Random& r) {
-       Draft d;
+       CallDraft d;
        d.attributes["eps"] = r.pick({1e-5, 1e-10});
        d.inputs = {
            {"weight", {extent(r, 17), extent(r, 17), r.integer(1, 3), r.integer(1, 3)}, Content::kSignal}};
@@ -423,7 +423,7 @@ constexpr Entry kEntries[] = {
 
 }  // namespace
 
-Draft draft_call(std::string_view op, Random& random) {
+CallDraft draft_call(std::string_view op, Random& random) {
   const auto* entry = std::ranges::find(kEntries, op, &Entry::op);
   if (entry == std::end(kEntries))
     throw Error(ErrorKind::kUsage, "there is no operator " + std::string(op.substr(0, 40)),

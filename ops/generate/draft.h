@@ -22,16 +22,16 @@ enum class Content {
   kPicture,    ///< in [0, 1]
 };
 
-struct DraftInput {
+struct CallDraftInput {
   std::string name;
   Shape shape;
   Content content;
 };
 
 /// A call without its numbers.
-struct Draft {
+struct CallDraft {
   nlohmann::ordered_json attributes = nlohmann::ordered_json::object();
-  std::vector<DraftInput> inputs;
+  std::vector<CallDraftInput> inputs;
   bool bounded = false;  ///< defined for finite numbers of moderate size only
   int most_reach = 120;  ///< magnitudes go from 2^-most_reach to 2^most_reach at most
 };
@@ -39,6 +39,6 @@ struct Draft {
 /// Draws attributes and shapes for an operator that build_case() knows: extents of 1, about the vector widths
 /// and about the tiles of matrix products, borders, strides, groups. A call takes some ten million
 /// multiplications at most. Throws Error(kUsage) if there is no operator of that name.
-[[nodiscard]] Draft draft_call(std::string_view op, Random& random);
+[[nodiscard]] CallDraft draft_call(std::string_view op, Random& random);
 
 }  // namespace slide::ops

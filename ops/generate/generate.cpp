@@ -23,10 +23,10 @@ constexpr double kLargest = std::numeric_limits<float>::max();
 
 /// Inputs for the draft, all of one trial; of denormals and infinities only the first input holds any, so
 /// that what comes of them is to be seen.
-void fill(OperatorCase& c, const Draft& draft, Trial trial, int reach, Random r) {
+void fill(OperatorCase& c, const CallDraft& draft, Trial trial, int reach, Random r) {
   c.inputs.clear();
   bool first = true;
-  for (const DraftInput& input : draft.inputs) {
+  for (const CallDraftInput& input : draft.inputs) {
     const bool single = trial == Trial::kSpecials || trial == Trial::kDenormal;
     c.inputs.emplace_back(input.name,
                           numbers_for(input, single && !first ? Trial::kRandom : trial, reach, r));
@@ -61,7 +61,7 @@ bool survives_flushing(const OperatorCase& c, const CaseValues& values) {
 }
 
 /// Fills the case with numbers that reach as far as its answer can be held to.
-CaseValues solve(OperatorCase& c, const Draft& draft, Trial trial, const Random& random) {
+CaseValues solve(OperatorCase& c, const CallDraft& draft, Trial trial, const Random& random) {
   const auto attempt = [&](int reach) {
     fill(c, draft, trial, reach, random);
     return values_of(c, true);
@@ -91,7 +91,7 @@ Trial trial_of(std::uint64_t index) { return static_cast<Trial>(index % kTrials)
 
 OperatorCase generate_case(std::string_view op, std::uint64_t seed, std::uint64_t index) {
   Random random(op, seed, index);
-  const Draft draft = draft_call(op, random);
+  const CallDraft draft = draft_call(op, random);
   Trial trial = trial_of(index);
   if (draft.bounded && (trial == Trial::kSpecials || trial == Trial::kRange)) trial = Trial::kRandom;
   OperatorCase c;

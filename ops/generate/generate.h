@@ -26,7 +26,7 @@ inline constexpr int kTrials = 8;
 
 /// A call that operators may be wrong on, with its answer: attributes and shapes as draft_call() draws them,
 /// inputs in float32, `expected` and `scale` the float64 definition's. The index goes through the trials in
-/// turn; operators that are defined for moderate finite numbers only (see Draft::bounded) get the usual
+/// turn; operators that are defined for moderate finite numbers only (see CallDraft::bounded) get the usual
 /// numbers instead of kSpecials and kRange. Inputs are denormal only where it does not matter that an
 /// operator takes them for zero. Depends on operator, seed and index alone. Throws Error(kUsage) if there is
 /// no operator of that name.

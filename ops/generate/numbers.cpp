@@ -98,7 +98,7 @@ void plant(std::span<float> values, Random& r) {
 
 }  // namespace
 
-Tensor numbers_for(const DraftInput& input, Trial trial, int reach, Random& r) {
+Tensor numbers_for(const CallDraftInput& input, Trial trial, int reach, Random& r) {
   Tensor t(DType::kF32, input.shape);
   const double terms = static_cast<double>(input.shape.count()) /
                        static_cast<double>(input.shape.rank() > 0 ? input.shape[0] : 1);
