@@ -267,8 +267,7 @@ TEST_CASE("beside what is no source a twentieth of a weight is kept") {
 }
 
 TEST_CASE("with a margin hair that hangs into the background does not colour the hole") {
-  // A red square with a fringe of dark red, three pixels wide, before a blue wall; disparity ends at the
-  // square.
+  // A red square before a blue wall; its hair, three pixels of the same red, has the wall's disparity.
   constexpr std::int64_t kSide = 48;
   constexpr std::size_t kPlane = kSide * kSide;
   Graph g;

@@ -14,47 +14,15 @@
 #include "runtime/safetensors_writer.h"
 #include "tests/temporary_folder.h"
 #include "tests/weights_tools/builders.h"
+#include "tests/weights_tools/list.h"
 
 using namespace slide;
+using slide::test::List;
+using slide::test::parameters_of;
 
 namespace {
 
 const std::string kFolder = SLIDE_TEST_DATA "/checkpoints/";
-
-/// Names and shapes without a file.
-class List : public WeightReader {
- public:
-  std::vector<TensorInfo> list;
-  Metadata said;
-  [[nodiscard]] const std::string& path() const override { return path_; }
-  [[nodiscard]] std::string format() const override { return "list"; }
-  [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return list; }
-  [[nodiscard]] const Metadata& metadata() const override { return said; }
-  [[nodiscard]] bool has_checksums() const override { return false; }
-  void for_each_block(std::size_t /*i*/, const Take& /*take*/) const override {
-    FAIL("no values are needed");
-  }
-
- private:
-  std::string path_ = "w.pt";
-};
-
-std::unique_ptr<WeightReader> list_of(const std::vector<TensorInfo>& tensors) {
-  auto list = std::make_unique<List>();
-  list->list = tensors;
-  return list;
-}
-
-std::vector<TensorInfo> parameters_of(std::string_view model) {
-  graphs::BuildOptions options;
-  const std::int64_t multiple = graphs::find_model(model).size.multiple;
-  options.height = options.width = (256 + multiple - 1) / multiple * multiple;
-  std::vector<TensorInfo> list;
-  const std::unique_ptr<Graph> graph = graphs::build_model(model, options);
-  for (const Node& node : graph->nodes())
-    if (node.kind == NodeKind::kParameter) list.push_back({node.name, DType::kF32, node.shape});
-  return list;
-}
 
 std::string message_of(const auto& action) {
   try {
@@ -89,9 +57,9 @@ TEST_CASE("a prefix that all names share is needless if the tensors fit without 
   CHECK(needless_prefix(list, "u2netp") == "module.net.");
   CHECK(needless_prefix(list, "fba").empty());
   const std::string first = list.list.front().name;
-  const auto shorter = without_prefix(list_of(list.list), "module.");
+  const auto shorter = without_prefix(std::make_unique<List>(list.list), "module.");
   CHECK("module." + shorter->tensors().front().name == first);
-  CHECK(detect_model(*without_prefix(list_of(list.list), "module.net.")).model == "u2netp");
+  CHECK(detect_model(*without_prefix(std::make_unique<List>(list.list), "module.net.")).model == "u2netp");
   list.list.front().name = "other." + first;
   CHECK(needless_prefix(list, "").empty());
 }

@@ -13,32 +13,16 @@
 #include "runtime/error.h"
 #include "runtime/safetensors_writer.h"
 #include "tests/temporary_folder.h"
+#include "tests/weights_tools/list.h"
 #include "weights_tools/convert.h"
 
 using namespace slide;
+using slide::test::List;
+using slide::test::parameters_of;
 
 namespace {
 
 using Tensors = std::vector<std::pair<std::string, Tensor>>;
-
-/// Names and shapes without a file.
-class List : public WeightReader {
- public:
-  explicit List(std::vector<TensorInfo> list) : list_(std::move(list)) {}
-  [[nodiscard]] const std::string& path() const override { return path_; }
-  [[nodiscard]] std::string format() const override { return "list"; }
-  [[nodiscard]] const std::vector<TensorInfo>& tensors() const override { return list_; }
-  [[nodiscard]] const Metadata& metadata() const override { return said_; }
-  [[nodiscard]] bool has_checksums() const override { return false; }
-  void for_each_block(std::size_t /*i*/, const Take& /*take*/) const override {
-    FAIL("no values are needed");
-  }
-
- private:
-  std::vector<TensorInfo> list_;
-  Metadata said_;
-  std::string path_ = "model.safetensors";
-};
 
 bool replace(std::string& text, std::string_view part, std::string_view by) {
   const std::size_t at = text.find(part);
@@ -80,17 +64,6 @@ std::string library_name(std::string name) {
   if (replace(name, "depth_head.scratch.output_conv2.0", "head.conv2")) return name;
   replace(name, "depth_head.scratch.output_conv2.2", "head.conv3");
   return name;
-}
-
-/// A model's parameters.
-std::vector<TensorInfo> parameters_of(std::string_view model) {
-  graphs::BuildOptions options;
-  options.height = options.width = 28;
-  std::vector<TensorInfo> list;
-  const std::unique_ptr<Graph> graph = graphs::build_model(model, options);
-  for (const Node& node : graph->nodes())
-    if (node.kind == NodeKind::kParameter) list.push_back({node.name, DType::kF32, node.shape});
-  return list;
 }
 
 /// The parameters as a file of the library's lists them: sorted by name, qkv in three.
@@ -177,7 +150,7 @@ TEST_CASE("query, key and value become one tensor, in this order, and every othe
 
 TEST_CASE("parts of an attention that are missing, doubled or of another shape are refused by name") {
   const auto refusal = [](const std::vector<TensorInfo>& list) {
-    return message_of([&] { (void)with_authors_names(std::make_unique<List>(list)); });
+    return message_of([&] { (void)with_authors_names(std::make_unique<List>(list, "model.safetensors")); });
   };
   const std::string start = "backbone.encoder.layer.3.attention.attention.";
   const TensorInfo query{start + "query.bias", DType::kF32, {4}};
