@@ -73,8 +73,8 @@ int check_operators(const Arguments& a) {
 Tensor read_actual(const Arguments& a) {
   const std::string& path = a.actual.empty() ? a.cases.front() : a.actual;
   if (path.ends_with(".npy")) return ops::read_npy(path);
-  if (a.actual.empty() && (path.ends_with(".onnx") || std::filesystem::is_directory(path)))
-    throw Error(ErrorKind::kUsage, path + ": a node test holds no result to judge", "give it with --actual");
+  if (a.actual.empty() && !path.ends_with(".safetensors"))
+    throw Error(ErrorKind::kUsage, path + ": such a test holds no result to judge", "give it with --actual");
   const std::optional<Tensor> tensor = ops::tensor_in(path, "actual");
   if (!tensor)
     throw Error(ErrorKind::kBadInput, path + ": there is no tensor \"actual\"",
@@ -149,6 +149,7 @@ int generate_cases(const Arguments& a) {
 graphs::CompareOptions compare_options(const Arguments& a) {
   const PrecisionChoice choice = precision_choice(a.precision, a.error_budget);
   return {.dump_folder = a.dump,
+          .overwrite = a.overwrite,
           .source = a.model,
           .fused = a.fused || !a.precision.empty() || a.error_budget,
           .precision = choice.precision,
@@ -209,21 +210,26 @@ void add_model(CLI::App& command, Arguments& a) {
                      "the fused plan's, its outputs beside the error it predicts: fp32, bf16, int8, auto");
   command.add_option("--error-budget", a.error_budget,
                      "the fused plan's: fastest kernels with this predicted error, 1e-7 to 1");
-  command.add_option("--dump", a.dump,
-                     "write every node's inputs and expected output as operator cases here");
+  CLI::Option* const dump = command.add_option(
+      "--dump", a.dump, "write every node's inputs and expected output as operator cases here");
+  command.add_flag("--overwrite", a.overwrite, "replace existing files that --dump has not written, too")
+      ->needs(dump);
 }
 
 int run(CLI::App& app, int argc, char** argv) {
   Arguments a;
   CLI::App* op = app.add_subcommand("op", "check operators and their kernels on case files");
-  op->add_option("CASE", a.cases,
-                 "case files (.safetensors), ONNX node tests (model.onnx), or folders of them")
+  op->add_option(
+        "CASE", a.cases,
+        "case files (.safetensors), ONNX node tests (model.onnx), WebNN tests (OPERATOR.json, one of "
+        "them OPERATOR.json#3), or folders of them")
       ->required();
   CLI::App* judge = app.add_subcommand("judge", "judge somebody else's result of a case, element by element");
   judge
-      ->add_option("CASE", a.cases,
-                   "case file (.safetensors), or an ONNX node test (model.onnx); with --library also several "
-                   "of them, or folders")
+      ->add_option(
+          "CASE", a.cases,
+          "case file (.safetensors), an ONNX node test (model.onnx) or a WebNN test (OPERATOR.json#3); "
+          "with --library also several of them, or folders")
       ->required();
   judge->add_option("--actual", a.actual,
                     "the result: .npy, or safetensors with one tensor or one named actual; default: the "
@@ -255,8 +261,10 @@ int run(CLI::App& app, int argc, char** argv) {
   add_model(*compare, a);
   compare->add_option("--image", a.image, "the photo")->required();
   compare->add_option("--size", a.size, "longer side to work at; the model's own by default");
-  compare->add_option("--rows", a.rows, "lines to print; all by default, what failed always");
+  CLI::Option* const rows =
+      compare->add_option("--rows", a.rows, "lines to print; all by default, what failed always");
   for (CLI::App* command : {op, net, compare}) add_common(*command, a);
+  rows->excludes("--json");
   add_help_options(app, "slide_check");
   app.require_subcommand(1);
   try {

@@ -6,11 +6,13 @@
 #include <filesystem>
 #include <map>
 
+#include "ops/case_io.h"
 #include "ops/case_of.h"
 #include "ops/fusion/fusion.h"
 #include "runtime/error.h"
 #include "runtime/fast_executor.h"
 #include "runtime/lifetime.h"
+#include "runtime/own_file.h"
 
 namespace slide::graphs {
 namespace {
@@ -28,7 +30,24 @@ std::string case_path(const std::string& folder, int index, const std::string& n
 void make_folder(const std::string& path) {
   std::error_code error;
   std::filesystem::create_directories(path, error);
-  if (error) throw Error(ErrorKind::kBadInput, path + ": cannot make the folder: " + error.message());
+  if (error) throw Error(ErrorKind::kOutput, path + ": cannot make the folder: " + error.message());
+}
+
+/// What a node's case says about its source.
+std::string source_of(const Node& node, const CompareOptions& options) {
+  return options.source.empty() ? node.name : options.source + " " + node.name;
+}
+
+/// Refuses to replace what is no earlier case of the same node.
+void require_own_case(const Node& node, int index, const CompareOptions& options) {
+  require_own_file(case_path(options.dump_folder, index, node.name), [&](const std::string& path) {
+    try {
+      return ops::read_case(path).source == source_of(node, options);
+    } catch (const Error& e) {
+      if (e.kind() != ErrorKind::kBadInput) throw;
+      return false;
+    }
+  });
 }
 
 /// The float64 values of a graph, computed one after the other and dropped after their last use.
@@ -81,7 +100,7 @@ ops::KernelCheck check_local(const Node& node, int index, const Kernel& kernel,
   check.output = {};
   if (!options.dump_folder.empty()) {
     ops::OperatorCase c = ops::case_of(*node.op, task.inputs, task.reference);
-    c.source = options.source.empty() ? node.name : options.source + " " + node.name;
+    c.source = source_of(node, options);
     ops::write_case(case_path(options.dump_folder, index, node.name), c);
   }
   return check;
@@ -129,8 +148,16 @@ bool Comparison::passed() const noexcept {
 
 Comparison compare(const Graph& graph, const WeightSource& weights, const NamedTensors& inputs,
                    const CompareOptions& options) {
-  if (!options.dump_folder.empty()) make_folder(options.dump_folder);
-  FastExecutor fast(graph, weights, {.isa = options.isa, .keep_all = true});
+  FastExecutor fast(graph, weights,
+                    {.isa = options.isa,
+                     .keep_all = true,
+                     .precision = options.precision,
+                     .error_budget = options.error_budget});
+  if (!options.dump_folder.empty()) {
+    make_folder(options.dump_folder);
+    for (const PlanStep& step : fast.plan().steps)
+      if (!options.overwrite) require_own_case(graph.node(step.node), step.node, options);
+  }
   fast.run(inputs);
   std::map<int, const Kernel*> kernels;
   for (const PlanStep& step : fast.plan().steps) kernels[step.node] = step.kernel;
@@ -154,7 +181,7 @@ Comparison compare(const Graph& graph, const WeightSource& weights, const NamedT
       const Tensor fast_tensor = kernel == kernels.end() ? Tensor() : fast.tensor(i);
       if (kernel != kernels.end()) {
         result.nodes.push_back({i, node.name, std::string(node.op->type()), node.op->attributes(), node.shape,
-                                tensor_error(fast_tensor, reference),
+                                tensor_error(fast_tensor, reference), kernel->second->precision(),
                                 check_local(node, i, *kernel->second, arguments, options)});
         if (!options.dump_folder.empty()) ++result.dumped;
       }

@@ -6,6 +6,7 @@
 
 #include "ops/check.h"
 #include "runtime/graph.h"
+#include "runtime/precision.h"
 #include "runtime/run.h"
 #include "runtime/weights.h"
 
@@ -29,6 +30,7 @@ struct NodeComparison {
   /// The fast executor's tensor after a run from the graph's inputs, against that of the reference: what all
   /// nodes before it have added up.
   TensorError accumulated;
+  Precision precision = Precision::kFp32;  ///< of the node's kernel
   /// The node's kernel alone, on the reference's inputs rounded to float32, in units of its bound. The
   /// tensors are left out.
   ops::KernelCheck local;
@@ -48,11 +50,14 @@ struct CompareOptions {
   /// Where to write every computed node as an operator case (see ops/case_io.h): inputs in float32, expected
   /// output in float64. Nothing is written if it is empty; the folder is made if it is missing.
   std::string dump_folder{};
+  /// Replace existing files there, too, that are not cases of the same source and node.
+  bool overwrite = false;
   /// What the cases say about their source, beside the node's name.
   std::string source{};
   /// Run the fused graph too (ops/fusion/fusion.h) and compare its outputs.
   bool fused = false;
-  /// Of the fused graph's plan; nodes are judged in float32. As in PlanOptions.
+  /// Of both plans, as in PlanOptions: each node is judged in the precision that the plan of the graph as it
+  /// was built computes it in. Ranges are measured for that, be the layer calibrated or not.
   Precision precision = Precision::kFp32;
   double error_budget = 0;
   /// Called before each node; returning false ends with Error(kCancelled).

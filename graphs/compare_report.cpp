@@ -26,12 +26,13 @@ std::string verdict(const NodeComparison& n) {
 
 std::string rows_of(const Nodes& nodes) {
   using enum TextTable::Align;
-  TextTable table({"node", "kernel", "shape", "max error", "rms error", "local error", "of bound", ""},
-                  {kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kLeft});
+  TextTable table(
+      {"node", "kernel", "shape", "max error", "rms error", "local error", "of bound", "rms/predicted", ""},
+      {kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight, kLeft});
   for (const NodeComparison* n : nodes)
     table.row({n->name, n->local.kernel, n->shape.text(), ops::scientific(n->accumulated.max),
                ops::scientific(n->accumulated.rms), ops::scientific(n->local.error_reference),
-               ops::fixed(n->local.of_bound), verdict(*n)});
+               ops::fixed(n->local.of_bound), ops::of_predicted(n->local), verdict(*n)});
   return table.text();
 }
 
@@ -74,11 +75,14 @@ Json json_of_nodes(const Comparison& comparison) {
                      {"attributes", n.attributes},
                      {"shape", std::vector<std::int64_t>(extents.begin(), extents.end())},
                      {"kernel", n.local.kernel},
+                     {"precision", name_of(n.precision)},
                      {"max_error", n.accumulated.max},
                      {"rms_error", n.accumulated.rms},
                      {"local_error", n.local.error_reference},
                      {"of_bound", n.local.of_bound},
                      {"factor", n.local.factor},
+                     {"rms", n.local.rms},
+                     {"expected_rms", n.local.expected_rms},
                      {"passed", n.local.passed()},
                      {"problem", n.local.verdict()}});
   }

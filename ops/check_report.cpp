@@ -33,11 +33,6 @@ std::string counted(std::size_t count, const std::string& what) {
   return std::to_string(count) + " " + what + (count == 1 ? "" : "s");
 }
 
-/// The RMS error as a multiple of the predicted one.
-std::string of_expected(const KernelCheck& k) {
-  return k.expected_rms > 0 ? fixed(k.rms / k.expected_rms) : "-";
-}
-
 /// What there is to say of a kernel that passed.
 std::string remark(const KernelCheck& k) {
   std::string text;
@@ -55,7 +50,7 @@ void add_rows(TextTable& table, const CheckedFile& file) {
              c.reference_passed() ? "ok" : "FAILED: not the expected output"});
   for (const KernelCheck& k : c.kernels)
     table.row({"  " + k.kernel, scientific(k.error_expected), scientific(k.error_reference),
-               fixed(k.of_bound), of_expected(k), k.passed() ? "ok" + remark(k) : "FAILED: " + k.verdict()});
+               fixed(k.of_bound), of_predicted(k), k.passed() ? "ok" + remark(k) : "FAILED: " + k.verdict()});
   if (c.kernels.empty())
     table.row({"  no kernel", "", "", "", "", "FAILED: no kernel of this level can do the call"});
 }
@@ -128,6 +123,10 @@ std::string fixed(double value) {
   char text[32];
   std::snprintf(text, sizeof text, "%.3f", value);
   return text;
+}
+
+std::string of_predicted(const KernelCheck& check) {
+  return check.expected_rms > 0 ? fixed(check.rms / check.expected_rms) : "-";
 }
 
 std::vector<CheckedFile> check_files(const std::vector<std::string>& paths, Isa isa) {

@@ -35,5 +35,7 @@ struct CheckedFile {
 [[nodiscard]] std::string scientific(double value);
 /// "0.123", or as scientific() below 0.001 and from 1000 on; "0" for zero.
 [[nodiscard]] std::string fixed(double value);
+/// The RMS error as a multiple of the predicted one, as fixed(); "-" where nothing is predicted.
+[[nodiscard]] std::string of_predicted(const KernelCheck& check);
 
 }  // namespace slide::ops
