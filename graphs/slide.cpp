@@ -62,7 +62,8 @@ class Stage {
     Plan plan = make_plan(*graph_, {.isa = options_.isa,
                                     .precision = chosen ? options_.precision : Precision::kFp32,
                                     .error_budget = chosen ? options_.error_budget : 0,
-                                    .calibration = chosen ? network.weights->calibration() : nullptr});
+                                    .calibration = chosen ? network.weights->calibration() : nullptr,
+                                    .weights = chosen ? network.weights : nullptr});
     count(plan);
     return {report_, std::move(graph_), std::move(plan)};
   }

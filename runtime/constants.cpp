@@ -129,6 +129,10 @@ std::vector<std::span<std::byte>> place_packed(const Plan& plan, Tensor& memory)
 
 }  // namespace
 
+Tensor constant_value(const Graph& graph, const WeightSource& weights, int node) {
+  return Evaluation(graph, weights).float32(node, {}).to(DType::kF64);
+}
+
 PlanConstants load_constants(const Graph& graph, const Plan& plan, const WeightSource& weights,
                              std::span<std::byte> scratch) {
   require_fit(graph, weights);

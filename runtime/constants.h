@@ -24,4 +24,7 @@ struct PlanConstants {
 [[nodiscard]] PlanConstants load_constants(const Graph& graph, const Plan& plan, const WeightSource& weights,
                                            std::span<std::byte> scratch);
 
+/// The value of a constant node in float64, rounded to float32 as plans use it. Throws as load_constants().
+[[nodiscard]] Tensor constant_value(const Graph& graph, const WeightSource& weights, int node);
+
 }  // namespace slide

@@ -17,7 +17,8 @@ namespace slide {
 // terms of equal size takes over their squares divided by the number of terms (Op::error_share()). So the
 // squared error of a graph's output is the sum of the nodes' squared errors, each times its share there.
 // Networks amplify or dampen errors; calibration measures what each node of 8-bit integers does to the
-// outputs. docs/precision.md has predictions beside measurements.
+// outputs. What a kernel adds by itself is more where its sums cancel, which weights tell
+// (runtime/sensitivity.h). docs/precision.md has predictions beside measurements.
 
 /// By node: which part of its squared relative error arrives at the output of the graph where that is
 /// largest. 0 for nodes marked `constant` and those no output depends on.
@@ -67,5 +68,9 @@ inline constexpr double kCalibrationMargin = 1.5;
 /// most.
 inline constexpr double kInt8Error = 1.5e-2;
 inline constexpr double kBf16Error = 1e-2;
+
+/// Part of its result that a layer below float32 may err by itself where its weights say so: beyond, sums
+/// cancel until little is left.
+inline constexpr double kLayerError = 0.05;
 
 }  // namespace slide

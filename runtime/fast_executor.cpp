@@ -25,6 +25,7 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                               .precision = options.precision,
                               .error_budget = options.error_budget,
                               .calibration = calibration_of(weights, options),
+                              .weights = &weights,
                               .only_precision = options.only_precision})),
       keep_all_(options.keep_all) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)

@@ -11,6 +11,7 @@
 #include "runtime/error.h"
 #include "runtime/error_model.h"
 #include "runtime/lifetime.h"
+#include "runtime/sensitivity.h"
 #include "runtime/storage.h"
 
 namespace slide {
@@ -94,12 +95,33 @@ std::optional<double> calibrated_error(const Graph& graph, int i, const Kernel& 
   return kCalibrationMargin * layer->error * kernel.expected_error(*graph.node(i).op, inputs) / measured;
 }
 
+/// How many times its expected error each node's kernel may make, where weights tell.
+std::vector<double> sensitivities_of(const Graph& graph, const Plan& plan, const PlanOptions& options) {
+  if (options.weights != nullptr && options.calibration == nullptr && options.precision != Precision::kFp32)
+    return find_sensitivities(graph, plan.constant, *options.weights);
+  return std::vector<double>(graph.nodes().size(), 1);
+}
+
+/// Whether a layer's sums cancel so far that a kernel's own error is expected to spoil its result.
+bool spoils(const Node& node, std::span<const Shape> inputs, const Kernel& kernel, double sensitivity) {
+  return kernel.precision() != Precision::kFp32 && sensitivity > 1 &&
+         sensitivity * kernel.expected_error(*node.op, inputs) > kLayerError;
+}
+
+/// What a node's error is multiplied by on its way to the outputs.
+struct Errors {
+  std::vector<double> shares;  ///< error_shares(), of squares
+  std::vector<double> own;     ///< find_sensitivities(), of kernels below float32
+};
+
 /// What a kernel's error is expected to be where it reaches the outputs.
-double error_at_output(const Graph& graph, int i, const Kernel& kernel, double share,
+double error_at_output(const Graph& graph, int i, const Kernel& kernel, const Errors& errors,
                        const PlanOptions& options) {
   if (const std::optional<double> error = calibrated_error(graph, i, kernel, options)) return *error;
   const Node& node = graph.node(i);
-  return std::sqrt(share) * kernel.expected_error(*node.op, input_shapes(graph, node));
+  const auto at = static_cast<std::size_t>(i);
+  const double own = kernel.precision() == Precision::kFp32 ? 1 : errors.own[at];
+  return std::sqrt(errors.shares[at]) * own * kernel.expected_error(*node.op, input_shapes(graph, node));
 }
 
 bool not_calibrated(const Graph& graph, int i, const PlanOptions& options) {
@@ -142,8 +164,9 @@ void raise_within(const Graph& graph, const Plan& plan, const PlanOptions& optio
 }
 
 /// Without a budget. What a calibration does not know is computed in float32; without a calibration the ends
-/// of a network of 8-bit integers are.
-Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& options) {
+/// of a network of 8-bit integers are, and layers that lower precisions would spoil.
+Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& options,
+                   const std::vector<double>& own) {
   Kernels kernels(graph.nodes().size(), nullptr);
   std::vector<bool> low(kernels.size(), false);
   const auto choose = [&](std::size_t i, Precision precision) {
@@ -154,6 +177,10 @@ Kernels kernels_of(const Graph& graph, const Plan& plan, const PlanOptions& opti
     if (!is_step(graph, plan, static_cast<int>(i))) continue;
     const bool unknown = not_calibrated(graph, static_cast<int>(i), options);
     choose(i, unknown ? Precision::kFp32 : options.precision);
+    const Node& node = graph.nodes()[i];
+    const auto spoiled = [&] { return spoils(node, input_shapes(graph, node), *kernels[i], own[i]); };
+    if (spoiled()) choose(i, Precision::kBf16);
+    if (spoiled()) choose(i, Precision::kFp32);
     low[i] = kernels[i]->precision() != Precision::kFp32;
   }
   const bool int8 = options.precision == Precision::kInt8;
@@ -174,10 +201,10 @@ std::string scientific(double value) {
 }
 
 Kernels kernels_within(const Graph& graph, const Plan& plan, const PlanOptions& options,
-                       const std::vector<double>& shares) {
+                       const Errors& errors) {
   std::vector<std::size_t> nodes;
   std::vector<std::vector<KernelChoice>> choices;
-  for (std::size_t i = 0; i < shares.size(); ++i) {
+  for (std::size_t i = 0; i < graph.nodes().size(); ++i) {
     if (!is_step(graph, plan, static_cast<int>(i))) continue;
     const Node& node = graph.nodes()[i];
     const std::vector<Shape> inputs = input_shapes(graph, node);
@@ -186,14 +213,15 @@ Kernels kernels_within(const Graph& graph, const Plan& plan, const PlanOptions& 
     for (const Kernel* kernel : methods(node, inputs, plan.isa, options.precision)) {
       if (kernel->precision() == Precision::kInt8 && not_calibrated(graph, static_cast<int>(i), options))
         continue;
-      const double error = error_at_output(graph, static_cast<int>(i), *kernel, shares[i], options);
+      if (spoils(node, inputs, *kernel, errors.own[i])) continue;
+      const double error = error_at_output(graph, static_cast<int>(i), *kernel, errors, options);
       of_node.push_back({kernel, error * error, kernel->cost(*node.op, inputs, node.shape)});
     }
     nodes.push_back(i);
   }
   const double limit = options.error_budget * options.error_budget;
   const std::vector<std::size_t> chosen = choose_within(choices, limit);
-  Kernels kernels(shares.size(), nullptr);
+  Kernels kernels(graph.nodes().size(), nullptr);
   double square = 0;
   for (std::size_t n = 0; n < nodes.size(); ++n) {
     const KernelChoice& choice = choices[n][chosen[n]];
@@ -235,7 +263,7 @@ PlanStep plan_step(const Graph& graph, const Plan& plan, int i, const Kernel& ke
   const std::size_t packed = Tensor::aligned(kernel.packed_bytes(*node.op, inputs, node.shape));
   const bool once = packs_constants(plan, node, kernel);
   const std::size_t scratch = kernel.scratch_bytes(*node.op, inputs, node.shape);
-  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once, 0, false};
+  return {i, &kernel, 0, 0, once ? scratch : packed + scratch, packed, once, 0, 1, false};
 }
 
 /// What a step reads at each run.
@@ -298,9 +326,9 @@ Plan make_plan(const Graph& graph, const PlanOptions& options) {
   Plan plan;
   plan.isa = options.isa;
   find_constants(graph, plan);
-  const std::vector<double> shares = error_shares(graph, plan.constant);
-  const Kernels kernels = options.error_budget > 0 ? kernels_within(graph, plan, options, shares)
-                                                   : kernels_of(graph, plan, options);
+  const Errors errors{error_shares(graph, plan.constant), sensitivities_of(graph, plan, options)};
+  const Kernels kernels = options.error_budget > 0 ? kernels_within(graph, plan, options, errors)
+                                                   : kernels_of(graph, plan, options, errors.own);
   const int total = static_cast<int>(graph.nodes().size());
   plan.needed.assign(static_cast<std::size_t>(total), false);
   for (const auto& output : graph.outputs()) plan.needed[static_cast<std::size_t>(output.second)] = true;
@@ -310,7 +338,8 @@ Plan make_plan(const Graph& graph, const PlanOptions& options) {
     if (kernels[index] == nullptr) continue;
     plan.steps.push_back(plan_step(graph, plan, i, *kernels[index]));
     double& error = plan.steps.back().predicted_error;
-    error = error_at_output(graph, i, *kernels[index], shares[index], options);
+    error = error_at_output(graph, i, *kernels[index], errors, options);
+    plan.steps.back().sensitivity = errors.own[index];
     square += error * error;
     mark_needed(graph, plan.steps.back(), plan);
   }

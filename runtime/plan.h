@@ -6,6 +6,7 @@
 #include "runtime/calibration.h"
 #include "runtime/cpu.h"
 #include "runtime/graph.h"
+#include "runtime/weights.h"
 
 namespace slide {
 
@@ -19,6 +20,7 @@ struct PlanStep {
   std::size_t packed_bytes;  ///< of the kernel's packed inputs, a multiple of 64
   bool packed_once;          ///< they are constant, packed before the first run; else in scratch, at each run
   double predicted_error;    ///< what the kernel adds to the error of the output (runtime/error_model.h)
+  double sensitivity;        ///< find_sensitivities() where weights were given, else 1
   bool in_place;             ///< its inputs lie where the result has them: nothing is done (SharesStorage)
 };
 
@@ -48,11 +50,15 @@ struct PlanOptions {
   /// If not null, layers that it does not name are not computed in 8-bit integers, and the errors of those
   /// that it names are what it says.
   const Calibration* calibration = nullptr;
+  /// If not null, and a precision below float32 is allowed without a calibration, what is predicted of errors
+  /// follows from these weights (find_sensitivities()), and layers in which a kernel's own error is expected
+  /// to be more than kLayerError of the result are computed in a higher precision.
+  const WeightSource* weights = nullptr;
   /// Without a budget: no kernel of a precision between this one and float32, be it faster.
   bool only_precision = false;
 };
 
-/// Plans a graph. Reads no weights.
+/// Plans a graph. Reads weights only where PlanOptions::weights says so.
 ///
 /// Without a budget each node gets the first kernel of the highest level not above `isa` that supports the
 /// shapes and computes in `precision`, or replaces such a one (Kernel::replaces_lower()), else, or where that

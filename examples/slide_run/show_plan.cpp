@@ -46,9 +46,10 @@ std::string operator_of(const Node& node) {
 
 std::string table_of(const graphs::PlannedStage& stage) {
   using enum TextTable::Align;
-  TextTable table({"node", "operator", "kernel", "shape", "MMAC done", "nominal", "offset", "bytes",
-                   "scratch", "precision", "error"},
-                  {kLeft, kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight, kLeft, kRight});
+  TextTable table(
+      {"node", "operator", "kernel", "shape", "MMAC done", "nominal", "offset", "bytes", "scratch",
+       "precision", "sensitivity", "error"},
+      {kLeft, kLeft, kLeft, kLeft, kRight, kRight, kRight, kRight, kRight, kLeft, kRight, kRight});
   for (const PlanStep& step : stage.plan.steps) {
     const Node& node = stage.graph->node(step.node);
     const Macs macs = macs_of(*stage.graph, step);
@@ -56,7 +57,8 @@ std::string table_of(const graphs::PlannedStage& stage) {
     table.row({node.name, operator_of(node), step.in_place ? "in place" : step.kernel->name_and_level(),
                node.shape.text(), fixed(1e-6 * macs.done, 3), fixed(1e-6 * macs.nominal, 3),
                std::to_string(step.offset), std::to_string(bytes), std::to_string(step.scratch_bytes),
-               std::string(name_of(step.kernel->precision())), scientific(step.predicted_error)});
+               std::string(name_of(step.kernel->precision())), fixed(step.sensitivity, 1),
+               scientific(step.predicted_error)});
   }
   return table.text();
 }

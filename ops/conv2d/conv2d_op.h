@@ -5,13 +5,14 @@
 #include "ops/conv2d/conv2d_geometry.h"
 #include "ops/conv2d/conv2d_method.h"
 #include "runtime/op.h"
+#include "runtime/sensitivity.h"
 
 namespace slide::ops {
 
 /// The operator of conv2d() and gated_conv2d(), and what a planner makes of one and its neighbours. Inputs:
 /// x, weight, perhaps bias. With a residual or joined channels there is a bias, and they come after it, in
 /// this order.
-class Conv2dOp : public Op {
+class Conv2dOp : public Op, public StatesStatistics {
  public:
   explicit Conv2dOp(const Conv2dParams& params, Conv2dFusion fusion = {})
       : params_(params), fusion_(std::move(fusion)) {}
@@ -42,6 +43,8 @@ class Conv2dOp : public Op {
   [[nodiscard]] double macs(std::span<const Shape> inputs, const Shape& output) const override;
   /// x and a residual count as equal; joined channels are a part of x.
   [[nodiscard]] double error_share(std::size_t index, std::span<const Shape> inputs) const override;
+  /// Of a constant weight and bias.
+  [[nodiscard]] NodeStatistics statistics(const StatisticsCall& call) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
   [[nodiscard]] const Conv2dParams& params() const noexcept { return params_; }

@@ -6,11 +6,12 @@
 
 #include "ops/pointwise/unary_op.h"
 #include "runtime/op.h"
+#include "runtime/sensitivity.h"
 
 namespace slide::ops {
 
 /// batch_norm(); inputs x, weight, bias, running_mean, running_var.
-class BatchNormOp : public Op {
+class BatchNormOp : public Op, public StatesStatistics {
  public:
   explicit BatchNormOp(double eps) : eps_(eps) {}
   [[nodiscard]] double eps() const noexcept { return eps_; }
@@ -20,6 +21,7 @@ class BatchNormOp : public Op {
   [[nodiscard]] Shape infer(std::span<const Shape> inputs) const override;
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   void error_scale(std::span<const Tensor> inputs, const Tensor& output, Tensor& scale) const override;
+  [[nodiscard]] NodeStatistics statistics(const StatisticsCall& call) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
@@ -33,7 +35,7 @@ struct GroupNormFusion {
 };
 
 /// group_norm(); inputs x, weight, bias and, if fused, a residual.
-class GroupNormOp : public Op {
+class GroupNormOp : public Op, public StatesStatistics {
  public:
   GroupNormOp(std::int64_t groups, double eps, GroupNormFusion fusion = {})
       : groups_(groups), eps_(eps), fusion_(std::move(fusion)) {}
@@ -52,6 +54,7 @@ class GroupNormOp : public Op {
     const std::int64_t count = inputs[0].count() / inputs[0][0] / groups_;
     return 16 + static_cast<double>(count);
   }
+  [[nodiscard]] NodeStatistics statistics(const StatisticsCall& call) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:

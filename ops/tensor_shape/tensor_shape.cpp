@@ -199,6 +199,19 @@ std::optional<std::int64_t> ConcatOp::storage_offset(std::size_t index, std::spa
 void ConcatOp::reference(std::span<const Tensor> inputs, Tensor& output) const {
   compute<double>(*this, inputs, output);
 }
+/// Channels one after the other.
+NodeStatistics ConcatOp::statistics(const StatisticsCall& call) const {
+  const auto varying = [](const ValueStatistics& s) { return s.channels() > 0; };
+  if (axis_ != 1 || !std::ranges::all_of(call.inputs, varying)) return handed_on(*this, call);
+  NodeStatistics result;
+  ValueStatistics& all = result.output;
+  for (const ValueStatistics& s : call.inputs) {
+    all.mean.insert(all.mean.end(), s.mean.begin(), s.mean.end());
+    all.variance.insert(all.variance.end(), s.variance.begin(), s.variance.end());
+  }
+  return result;
+}
+
 std::span<const Kernel* const> ConcatOp::kernels() const { return copy_kernels<ConcatOp>("concat.copy"); }
 
 std::string SliceOp::attributes() const {

@@ -7,12 +7,13 @@
 
 #include "ops/tensor_shape/tensor_shape.h"
 #include "runtime/op.h"
+#include "runtime/sensitivity.h"
 #include "runtime/storage.h"
 
 namespace slide::ops {
 
 /// concat() along an axis >= 0.
-class ConcatOp : public Op, public SharesStorage {
+class ConcatOp : public Op, public SharesStorage, public StatesStatistics {
  public:
   explicit ConcatOp(int axis) : axis_(axis) {}
   [[nodiscard]] int axis() const noexcept { return axis_; }
@@ -23,6 +24,7 @@ class ConcatOp : public Op, public SharesStorage {
   void reference(std::span<const Tensor> inputs, Tensor& output) const override;
   [[nodiscard]] std::optional<std::int64_t> storage_offset(std::size_t index,
                                                            std::span<const Shape> inputs) const override;
+  [[nodiscard]] NodeStatistics statistics(const StatisticsCall& call) const override;
   [[nodiscard]] std::span<const Kernel* const> kernels() const override;
 
  private:
