@@ -1,9 +1,12 @@
 #include "ops/case_io.h"
 
 #include <algorithm>
+#include <charconv>
 #include <filesystem>
+#include <optional>
 
 #include "ops/onnx/onnx_case.h"
+#include "ops/webnn/webnn_case.h"
 #include "runtime/error.h"
 #include "runtime/safetensors.h"
 #include "runtime/safetensors_writer.h"
@@ -31,6 +34,40 @@ SafetensorsFile open_input(const std::string& path) {
   }
 }
 
+/// A test of a WebNN file: "conv2d.json#3", or the only one of "conv2d.json".
+struct WebnnTest {
+  std::string file;
+  std::optional<std::size_t> index;
+};
+constexpr std::string_view kJson = ".json";
+
+std::optional<WebnnTest> webnn_test(const std::string& path) {
+  if (path.ends_with(kJson)) return WebnnTest{path, std::nullopt};
+  const std::size_t mark = path.rfind('#');
+  if (mark == std::string::npos || !path.substr(0, mark).ends_with(kJson)) return std::nullopt;
+  std::size_t index = 0;
+  const char* end = path.data() + path.size();
+  const auto [rest, error] = std::from_chars(path.data() + mark + 1, end, index);
+  if (error != std::errc() || rest != end) return std::nullopt;
+  return WebnnTest{path.substr(0, mark), index};
+}
+
+OperatorCase read_webnn(const WebnnTest& test) {
+  if (test.index) return read_webnn_case(test.file, *test.index);
+  if (const std::size_t count = webnn_tests(test.file).value_or(1); count != 1)
+    throw Error(ErrorKind::kBadInput, test.file + ": the file holds " + std::to_string(count) + " tests",
+                "name one: " + test.file + "#1");
+  return read_webnn_case(test.file, 1);
+}
+
+/// Every test of a file by name; the file itself if it holds none.
+std::vector<std::string> webnn_names(const std::string& file) {
+  std::vector<std::string> names;
+  for (std::size_t i = 1; i <= webnn_tests(file).value_or(0); ++i)
+    names.push_back(file + "#" + std::to_string(i));
+  return names;
+}
+
 }  // namespace
 
 OperatorCase read_case(const std::string& path) {
@@ -39,6 +76,7 @@ OperatorCase read_case(const std::string& path) {
   if (std::filesystem::is_directory(file_or_folder, ignored))
     return read_onnx_case((file_or_folder / kOnnxModel).string());
   if (file_or_folder.extension() == ".onnx") return read_onnx_case(path);
+  if (const std::optional<WebnnTest> test = webnn_test(path)) return read_webnn(*test);
   const SafetensorsFile file = open_input(path);
   OperatorCase result;
   result.op = metadata_or(file, "op", "");
@@ -81,16 +119,25 @@ std::vector<std::string> case_files(const std::string& path) {
   namespace fs = std::filesystem;
   std::error_code error;
   const fs::file_status status = fs::status(path, error);
-  if (!fs::exists(status)) throw Error(ErrorKind::kBadInput, path + ": there is no such file or folder");
-  if (!fs::is_directory(status)) return {path};
   std::vector<std::string> files;
+  if (!fs::exists(status)) {
+    if (const std::optional<WebnnTest> test = webnn_test(path); test && test->index) return {path};
+    throw Error(ErrorKind::kBadInput, path + ": there is no such file or folder");
+  }
+  if (!fs::is_directory(status)) {
+    if (path.ends_with(kJson)) files = webnn_names(path);
+    return files.empty() ? std::vector{path} : files;
+  }
   for (fs::recursive_directory_iterator it(path, error), end; !error && it != end; it.increment(error))
     if ((it->path().extension() == ".safetensors" || it->path().filename() == kOnnxModel) &&
         !it->is_directory(error))
       files.push_back(it->path().string());
+    else if (it->path().extension() == kJson && !it->is_directory(error))
+      std::ranges::copy(webnn_names(it->path().string()), std::back_inserter(files));
   if (error) throw Error(ErrorKind::kBadInput, path + ": cannot read the folder: " + error.message());
   if (files.empty())
-    throw Error(ErrorKind::kBadInput, path + ": the folder holds no .safetensors file and no model.onnx");
+    throw Error(ErrorKind::kBadInput,
+                path + ": the folder holds no .safetensors file, no model.onnx and no WebNN test");
   std::sort(files.begin(), files.end());
   return files;
 }

@@ -24,7 +24,8 @@ struct OperatorCase {
 };
 
 /// Reads a case; the tensors are views of the mapped file. A file model.onnx, or a folder that holds one, is
-/// read as one of ONNX's node tests (ops/onnx/onnx_case.h). Throws Error(kBadInput) naming the file if it is
+/// read as one of ONNX's node tests (ops/onnx/onnx_case.h), "OPERATOR.json#3" as the third test of a WebNN file
+/// (ops/webnn/webnn_case.h), which may hold only one if none is named. Throws Error(kBadInput) naming the file if it is
 /// not a sound safetensors file, has no metadata "op", no tensor "expected", or one that is not F64 or F32.
 [[nodiscard]] OperatorCase read_case(const std::string& path);
 
@@ -36,8 +37,8 @@ struct OperatorCase {
 /// written.
 void write_case(const std::string& path, const OperatorCase& operator_case);
 
-/// The case files that a path stands for: itself, or if it is a folder, every *.safetensors and model.onnx
-/// in it and below, sorted. Throws Error(kBadInput) if there is no such file or the folder holds none.
+/// The cases that a path stands for: itself, of a WebNN file every test, or if it is a folder, every
+/// *.safetensors, model.onnx and test of a WebNN file in it and below, sorted. Throws Error(kBadInput) if there is no such file or the folder holds none.
 [[nodiscard]] std::vector<std::string> case_files(const std::string& path);
 
 }  // namespace slide::ops

@@ -13,6 +13,7 @@
 
 #include "ops/case_io.h"
 #include "ops/onnx/onnx_file.h"
+#include "ops/webnn/webnn_case.h"
 #include "render/camera_path.h"
 #include "render/codec.h"
 #include "render/exif.h"
@@ -176,6 +177,24 @@ Target onnx() {
                 "a\x42\x02\x01\x02")}};
 }
 
+/// A file of WebNN tests, as if it were of one operator after the other.
+Target webnn() {
+  return {"webnn",
+          [](Input bytes) {
+            bool any = false;
+            for (const char* op : {"conv2d", "average_pool2d", "resample2d", "batch_normalization", "pad",
+                                   "concat", "clamp", "reduce_mean", "add"})
+              any = taken([&] { (void)ops::parse_webnn_case(std::as_bytes(bytes), op, 1, "input"); }) || any;
+            return any;
+          },
+          {text(R"({"tests": [ // one
+{"name": "n", "inputs": {"a": {"shape": [1, 2, 1, 2], "data": [1, 2, 3, 4], "type": "float32"},
+"b": {"shape": [1, 2, 1, 1], "data": [1, -1], "type": "float32"}}, "options": {"padding": [0, 1, 0, 1],
+"layout": "nhwc", "inputLayout": "nchw", "filterLayout": "oihw", "axes": [2, 3], "minValue": 1, "groups": 1,
+"bias": {"shape": [1], "data": [0.5], "type": "float32"}}, "beginningPadding": [0, 0, 1, 0],
+"expected": {"name": "y", "shape": [1, 1, 1, 2], "data": [-1.5, -1.5], "type": "float32"}}]})")}};
+}
+
 Target cases() {
   return {"cases",
           [](Input bytes) {
@@ -214,6 +233,7 @@ std::vector<Target> targets() {
       checkpoints(),
       cases(),
       onnx(),
+      webnn(),
       poses()};
   if (has_openimageio()) all.push_back(through_openimageio());
   return all;
