@@ -192,10 +192,42 @@ def golden(m, folder):
              ('guide', 'x'), 'y')
 
 
+def ends_of_8_bits(m):
+    """All but one value at the lower end of the range, all weights at the end of theirs: what is cut off there,
+    or a zero point that is not the nearest, is wrong in every term alike."""
+    x = Tensor([1, 32, 8, 12], [1.0] + [-1.0] * (32 * 8 * 12 - 1))
+    weight = Tensor([32, 32, 1, 1], (1.0 if o % 2 else -1.0 for o in range(32) for _ in range(32)))
+    attributes = {'stride': [1, 1], 'padding': [0, 0, 0, 0], 'dilation': [1, 1], 'groups': 1}
+    shape, expected = convolve(x, weight, None, *attributes.values())
+    m.write('conv2d_8_bit_ends', 'conv2d', attributes, {'x': x, 'weight': weight}, shape, expected)
+
+
+def rising_attention(m):
+    """Scores that rise along 300 keys, so that what was summed of earlier keys is lowered again and again."""
+    depth, queries, keys = 16, 40, 300
+    q, k, v = m.normal(1, depth, 1, queries), m.normal(1, depth, 1, keys, sigma=0.25), m.normal(1, depth, 1, keys)
+    for i in range(queries):
+        q.values[i] = 1.0
+    for j in range(keys):
+        k.values[j] = rounded(12 * j / keys)
+    out = [[0.0] * queries for _ in range(depth)]
+    for i in range(queries):
+        scores = [math.fsum(q.values[c * queries + i] * k.values[c * keys + j] for c in range(depth))
+                  for j in range(keys)]
+        weights = [math.exp(score - max(scores)) for score in scores]
+        for c in range(depth):
+            terms = (w * v.values[c * keys + j] for j, w in enumerate(weights))
+            out[c][i] = math.fsum(terms) / math.fsum(weights)
+    m.write('attention_rising', 'attention', {'heads': 1, 'scale': 1.0}, {'query': q, 'key': k, 'value': v},
+            [1, depth, 1, queries], itertools.chain(*out))
+
+
 def main():
     maker = Maker(sys.argv[1])
     convolutions(maker)
     planes(maker)
+    ends_of_8_bits(maker)
+    rising_attention(maker)
     golden(maker, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..', 'data', 'ops'))
 
 
