@@ -129,8 +129,9 @@ int parse_and_run(int argc, char** argv) {
       throw CLI::RequiredError("one of --output, --list and --verify");
     if (!arguments.photos.empty() && arguments.output.empty())
       throw CLI::RequiredError("--calibrate needs --output, which");
-    if (arguments.overwrite && arguments.output.empty())
-      throw CLI::RequiredError("--overwrite needs --output, which");
+    for (const char* option : {"--overwrite", "--dtype"})
+      if (app.count(option) > 0 && arguments.output.empty())
+        throw CLI::RequiredError(std::string(option) + " needs --output, which");
   } catch (const CLI::ParseError& e) {
     return app.exit(e) == 0 ? 0 : slide::exit_code(slide::ErrorKind::kUsage);
   }

@@ -35,7 +35,8 @@ struct Decoded {
 
 /// Portable float map: one ("Pf") or three ("PF") channels, rows from the bottom up, little-endian where the
 /// scale is negative. The magnitude of the scale is not applied.
-[[nodiscard]] Image decode_pfm(std::span<const std::uint8_t> bytes, const std::string& name);
+[[nodiscard]] Image decode_pfm(std::span<const std::uint8_t> bytes, const std::string& name,
+                               const SizeCheck& check = {});
 
 /// Baseline JPEG (4:4:4, optimised Huffman tables) of 1 or 3 channels, values clamped to [0, 1].
 /// @param quality  1..100, libjpeg's scale

@@ -93,7 +93,7 @@ bool is_npy(std::span<const std::uint8_t> bytes) {
 }
 
 /// An array of NumPy's as a map: two axes longer than 1, height and width, in this order.
-Image map_from_array(const Tensor& array, const std::string& name) {
+Image map_from_array(const Tensor& array, const std::string& name, const SizeCheck& check) {
   std::vector<std::int64_t> extents;
   for (int i = 0; i < array.shape().rank(); ++i)
     if (array.shape()[i] != 1) extents.push_back(array.shape()[i]);
@@ -102,6 +102,7 @@ Image map_from_array(const Tensor& array, const std::string& name) {
                 name + " has the shape " + array.shape().text() + ", not height x width",
                 "save one map of two axes");
   check_image_size(extents[1], extents[0], name);
+  if (check) check(static_cast<int>(extents[1]), static_cast<int>(extents[0]));
   Image map(static_cast<int>(extents[1]), static_cast<int>(extents[0]), 1);
   const Tensor values = array.to(DType::kF32);
   std::copy_n(values.data<float>().data(), map.data.size(), map.data.begin());
@@ -233,9 +234,10 @@ std::optional<Photo> known_photo(std::span<const std::uint8_t> bytes, const std:
 }
 
 /// decode_known(), and PFM.
-std::optional<Decoded> decode_known_map(std::span<const std::uint8_t> bytes, const std::string& name) {
-  if (is_pfm(bytes)) return Decoded{decode_pfm(bytes, name), {}, {}};
-  return decode_known(bytes, name);
+std::optional<Decoded> decode_known_map(std::span<const std::uint8_t> bytes, const std::string& name,
+                                        const SizeCheck& check = {}) {
+  if (is_pfm(bytes)) return Decoded{decode_pfm(bytes, name, check), {}, {}};
+  return decode_known(bytes, name, check);
 }
 
 std::vector<std::uint8_t> read_whole(const std::string& path) {
@@ -244,12 +246,12 @@ std::vector<std::uint8_t> read_whole(const std::string& path) {
   return bytes;
 }
 
-Decoded read_any_map(const std::string& path) {
+Decoded read_any_map(const std::string& path, const SizeCheck& check) {
   std::vector<std::uint8_t> bytes = read_whole(path);
-  if (is_npy(bytes)) return {map_from_array(ops::read_npy(path), path), {}, {}};
-  std::optional<Decoded> decoded = decode_known_map(bytes, path);
+  if (is_npy(bytes)) return {map_from_array(ops::read_npy(path), path, check), {}, {}};
+  std::optional<Decoded> decoded = decode_known_map(bytes, path, check);
   bytes = {};  // OpenImageIO reads the file itself
-  return decoded ? std::move(*decoded) : read_through_openimageio(path, false);
+  return decoded ? std::move(*decoded) : read_through_openimageio(path, false, check);
 }
 
 }  // namespace
@@ -335,13 +337,13 @@ Photo read_photo(const std::string& path, const SizeCheck& check, EmbeddedMap ma
   });
 }
 
-Image read_map(const std::string& path, NonFinite values) {
-  return guarded(path, [&] { return to_map(read_any_map(path), path, values); });
+Image read_map(const std::string& path, NonFinite values, const SizeCheck& check) {
+  return guarded(path, [&] { return to_map(read_any_map(path, check), path, values); });
 }
 
-Image read_matte(const std::string& path) {
+Image read_matte(const std::string& path, const SizeCheck& check) {
   return guarded(path, [&] {
-    Decoded decoded = read_any_map(path);
+    Decoded decoded = read_any_map(path, check);
     Image alpha = alpha_of(decoded);
     if (alpha.empty()) return to_map(std::move(decoded), path);
     require_finite(alpha, path);

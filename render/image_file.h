@@ -56,10 +56,12 @@ enum class NonFinite { kRefused, kKept };
 /// files are accepted if their three channels are equal; transparency is ignored. Orientation is applied.
 /// @throws Error(kBadInput) as above, and for a NaN or infinite value that is not kept, naming the first such
 /// pixel
-[[nodiscard]] Image read_map(const std::string& path, NonFinite values = NonFinite::kRefused);
+/// @throws Error(kOutOfMemory)
+[[nodiscard]] Image read_map(const std::string& path, NonFinite values = NonFinite::kRefused,
+                             const SizeCheck& check = {});
 
 /// Reads a matte, H×W×1: the transparency of a file that has some, else as read_map() does.
-[[nodiscard]] Image read_matte(const std::string& path);
+[[nodiscard]] Image read_matte(const std::string& path, const SizeCheck& check = {});
 
 /// The same from bytes in memory; `name` is what messages call them. JPEG, PNG and (maps only) PFM.
 [[nodiscard]] Photo decode_photo(std::span<const std::uint8_t> bytes, const std::string& name,

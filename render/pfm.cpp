@@ -48,7 +48,7 @@ bool is_pfm(std::span<const std::uint8_t> bytes) noexcept {
   return bytes.size() >= 3 && bytes[0] == 'P' && (bytes[1] == 'f' || bytes[1] == 'F') && is_space(bytes[2]);
 }
 
-Image decode_pfm(std::span<const std::uint8_t> bytes, const std::string& name) {
+Image decode_pfm(std::span<const std::uint8_t> bytes, const std::string& name, const SizeCheck& check) {
   if (!is_pfm(bytes)) malformed(name, "it does not begin with Pf or PF");
   const int channels = take_word(bytes, name) == "PF" ? 3 : 1;
   const std::int64_t width = take_count(bytes, name);
@@ -57,6 +57,7 @@ Image decode_pfm(std::span<const std::uint8_t> bytes, const std::string& name) {
   const double scale = std::strtod(scale_word.c_str(), nullptr);
   if (!std::isfinite(scale) || scale == 0) malformed(name, "its scale is \"" + scale_word + "\"");
   check_image_size(width, height, name);
+  if (check) check(static_cast<int>(width), static_cast<int>(height));
   const auto row_bytes = static_cast<std::size_t>(width) * static_cast<std::size_t>(channels) * sizeof(float);
   if (bytes.size() < row_bytes * static_cast<std::size_t>(height)) {
     malformed(name, "it holds " + std::to_string(bytes.size()) + " bytes of values where its size needs " +

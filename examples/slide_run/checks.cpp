@@ -153,6 +153,17 @@ bool makes_page(const Options& o) {
                            : std::any_of(o.outputs.begin(), o.outputs.end(), is_page_output);
 }
 
+/// Whether any output has that extension.
+bool makes(const Options& o, std::string_view extension) {
+  return std::any_of(o.outputs.begin(), o.outputs.end(),
+                     [&](const std::string& output) { return lower_extension(output) == extension; });
+}
+
+/// Whether any stage is a network's.
+bool runs_network(const Options& o) {
+  return !depth_is_file(o) || o.matte == "auto" || o.inpaint_model != kFillAlone;
+}
+
 /// Refuses options that would do nothing, which is never what was meant. Those that depend on another option
 /// alone are refused by the parser.
 void check_idle(const CLI::App& app, const Options& o) {
@@ -174,7 +185,19 @@ void check_idle(const CLI::App& app, const Options& o) {
   if (!draws(o))
     for (const char* option : {"--fps", "--size", "--keep-edges", "--supersample", "--mesh-tolerance"})
       refuse(option, "no output is made of frames");
-  if (lower_extension(o.path) == ".json") refuse("--frames", "the file of poses has as many as it has");
+  if (!makes(o, ".glb")) refuse("--glb-depth", "no output is a .glb");
+  if (lower_extension(o.path) == ".json") {
+    refuse("--frames", "the file of poses has as many as it has");
+    if (!makes_page(o))
+      for (const char* option : {"--parallax", "--focus"})
+        refuse(option, "the file of poses says where to look");
+  }
+  if (!runs_network(o))
+    for (const char* option : {"--precision", "--error-budget"}) refuse(option, "no network runs");
+  if (o.quiet || o.json || o.plan)
+    refuse("--explain", o.quiet  ? "--quiet prints nothing"
+                        : o.json ? "--json says it all"
+                                 : "--plan stops before");
 }
 
 }  // namespace

@@ -47,22 +47,26 @@ class Job {
     tensors_.image = tensor_from_image(colour);
     take_depth(photo);
     if (options_.matte != "none" && options_.matte != "auto")
-      tensors_.matte =
-          matte_from_map(read_matte(options_.matte), report_.width, report_.height, options_.matte);
+      tensors_.matte = matte_from_map(read_matte(options_.matte, size_check(options_.matte)), report_.width,
+                                      report_.height, options_.matte);
     report_.matting_origin = describe(models_.choices().matting);
   }
 
-  /// Refuses a photo that does not even fit into the memory allowed, before it is decoded.
-  void check_header(int width, int height) const {
+  /// Refuses a photo or a map that does not even fit into the memory allowed, before it is decoded.
+  void check_header(const std::string& file, int width, int height) const {
     constexpr std::size_t kBytesPerPixel = 3 * sizeof(float) + 3;  // colours, and as the file has them
     const std::size_t bytes =
         static_cast<std::size_t>(width) * static_cast<std::size_t>(height) * kBytesPerPixel;
     if (bytes > memory_limit())
       throw Error(ErrorKind::kOutOfMemory,
-                  input_ + " has " + std::to_string(width) + "x" + std::to_string(height) +
+                  file + " has " + std::to_string(width) + "x" + std::to_string(height) +
                       " pixels and needs " + std::to_string(bytes >> 20) + " MiB to be read, more than " +
                       limit_name(),
                   "make it smaller first");
+  }
+
+  [[nodiscard]] SizeCheck size_check(const std::string& file) const {
+    return [this, file](int width, int height) { check_header(file, width, height); };
   }
 
   /// Refuses what needs more memory than allowed, before any work.
@@ -169,7 +173,7 @@ class Job {
   }
 
   [[nodiscard]] Photo read_input(EmbeddedMap map) const {
-    const SizeCheck check = [this](int width, int height) { check_header(width, height); };
+    const SizeCheck check = size_check(input_);
     if (input_ != kStandardInput) return read_photo(input_, check, map);
     return decode_photo(read_standard_input(), "standard input", check, map);
   }
@@ -183,7 +187,8 @@ class Job {
       report_.depth_missing = missing_values(map, kind);
     };
     if (depth_is_file(options_)) {
-      given(read_map(options_.depth, NonFinite::kKept), depth_kind(options_.depth_kind), options_.depth);
+      given(read_map(options_.depth, NonFinite::kKept, size_check(options_.depth)),
+            depth_kind(options_.depth_kind), options_.depth);
     } else if (!photo.disparity.empty()) {
       given(photo.disparity, DepthKind::kDisparity, "the depth map in the photo");
     } else if (options_.depth == kDepthEmbedded) {

@@ -4,6 +4,7 @@
 #include <fstream>
 #include <iterator>
 #include <nlohmann/json.hpp>
+#include <string_view>
 
 #include "render/codec.h"
 #include "render/image_file.h"
@@ -276,6 +277,15 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--frames", "9", "--stereo", "sbs"},
       {scene.photo, "--fps", "25"},
       {scene.photo, "--size", "64", "-o", folder.file("x.glb")},
+      {scene.photo, "--glb-depth", "true"},
+      {scene.photo, "--glb-depth", "relief", "-o", folder.file("x.gif")},
+      {scene.photo, "--path", "poses.json", "--parallax", "3", "-o", folder.file("x.gif")},
+      {scene.photo, "--path", "poses.json", "--focus", "1", "-o", folder.file("x.glb")},
+      {scene.photo, "--depth", scene.depth, "--inpaint-model", "fill", "--precision", "bf16"},
+      {scene.photo, "--depth", scene.depth, "--inpaint-model", "fill", "--error-budget", "0.1"},
+      {scene.photo, "--explain", "--json"},
+      {scene.photo, "--explain", "-q"},
+      {scene.photo, "--explain", "--plan"},
       // the camera looks past the photo
       {scene.photo, "--depth", scene.depth, "--parallax", "50", "--focus", "1", "--fov", "170"},
   };
@@ -303,7 +313,15 @@ TEST_CASE(
   const ProgramResult memory = slide_run({scene.photo, "--depth", scene.depth, "--max-memory", "20M"});
   CHECK(memory.code == 5);
   CHECK(contains(memory.errors, "MiB"));
-  CHECK(folder.entries() == 4);
+  // What a map's header promises is refused before there is any memory for it, be the file that long or not.
+  const std::string_view header = "Pf\n12000 12000\n-1\n";
+  write_bytes(folder.file("huge.pfm"), std::as_bytes(std::span(header)));
+  for (const char* option : {"--depth", "--matte"}) {
+    const ProgramResult map = slide_run({scene.photo, option, folder.file("huge.pfm"), "--max-memory", "1G"});
+    CHECK(map.code == 5);
+    CHECK(contains(map.errors, "huge.pfm has 12000x12000 pixels"));
+  }
+  CHECK(folder.entries() == 5);
 }
 
 TEST_CASE("no more memory is used than was planned") {
@@ -359,6 +377,7 @@ TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the 
   const ProgramResult plan = slide_run({scene.photo, "--precision", "int8", "--plan"});
   CHECK(plan.code == 0);
   CHECK(contains(plan.output, "predicted error"));
+  CHECK(contains(plan.output, "sensitivity"));
   CHECK(contains(plan.output, "conv2d.direct_int8") == (int8["int8_layers"] > 0));
   for (const std::vector<std::string>& wrong : {std::vector<std::string>{"--precision", "fp8"},
                                                 {"--error-budget", "0"},
