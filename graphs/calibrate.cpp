@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <map>
 #include <string>
 #include <vector>
@@ -121,17 +122,20 @@ class Calibrator {
     Calibration alone;
     alone.layers[key] = {range, 0};
     double error = 0;
+    bool known = false;
     for (const Sample& sample : samples_) {
       FastExecutor fast(*sample.graph, weights_,
                         {.precision = Precision::kInt8, .calibration = &alone, .only_precision = true});
       step(key);
       fast.run(sample.inputs);
-      for (std::size_t i = 0; i < sample.outputs.size(); ++i)
+      for (std::size_t i = 0; i < sample.outputs.size(); ++i) {
+        if (max_abs(sample.outputs[i]) == 0) continue;  // nothing is relative to zeros
+        known = true;
         error = std::max(error,
                          tensor_error(fast.tensor(sample.graph->outputs()[i].second), sample.outputs[i]).rms);
+      }
     }
-    // A sample without any output but zeros says nothing; float32 cannot tell more than 1 from 1.
-    return std::isfinite(error) ? std::min(error, 1.0) : 1.0;
+    return known && std::isfinite(error) ? std::min(error, 1.0) : 1.0;  // more than all of it is as bad
   }
 
   void step(const std::string& what) {
@@ -187,11 +191,29 @@ Range ValueHistogram::best_range() const {
   return {static_cast<float>(low), static_cast<float>(high)};
 }
 
+namespace {
+
+/// An image of the photo's size, for what photos seldom are: black, white, and a ramp from left to right.
+Tensor plain_image(const Shape& shape, const std::function<float(std::int64_t x)>& value) {
+  Tensor image(DType::kF32, shape);
+  const std::span<float> pixels = image.mutable_data<float>();
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = value(static_cast<std::int64_t>(i) % shape[3]);
+  return image;
+}
+
+}  // namespace
+
 Calibration calibrate(std::string_view model, const WeightSource& weights, std::span<const Tensor> photos,
                       std::int64_t longer, const ProgressCallback& progress) {
   if (photos.empty()) throw Error(ErrorKind::kUsage, "there is no photo to calibrate with");
   Calibrator calibrator(weights, progress);
   for (const Tensor& photo : photos) calibrator.add_sample(model, photo, longer);
+  // Roundings that are the same all over an image do not average out, and a network's result may be small there.
+  const Shape& shape = photos.front().shape();
+  const auto ramp = [&](std::int64_t x) { return static_cast<float>(x) / static_cast<float>(shape[3]); };
+  calibrator.add_sample(model, plain_image(shape, [](std::int64_t) { return 0.0F; }), longer);
+  calibrator.add_sample(model, plain_image(shape, [](std::int64_t) { return 1.0F; }), longer);
+  calibrator.add_sample(model, plain_image(shape, ramp), longer);
   return calibrator.result();
 }
 

@@ -1,9 +1,11 @@
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -35,6 +37,14 @@ Tensor photo(const std::string& name) {
   return tensor_from_image(read_photo(SLIDE_TEST_DATA "/../../examples/photos/" + name + ".png").colour);
 }
 
+/// An image that is value(row) in all channels, 120×160.
+Tensor plain(float (*value)(std::int64_t row)) {
+  Tensor image(DType::kF32, {1, 3, 120, 160});
+  const std::span<float> pixels = image.mutable_data<float>();
+  for (std::size_t i = 0; i < pixels.size(); ++i) pixels[i] = value(static_cast<std::int64_t>(i / 160 % 120));
+  return image;
+}
+
 constexpr std::int64_t kSide = 160;
 
 /// A network with weights, made ready to run on a photo.
@@ -44,13 +54,13 @@ struct Network {
   PhotoRun run;
   std::unique_ptr<Graph> fused;
 
-  explicit Network(const std::string& model) : name(model) {
+  explicit Network(const std::string& model, const Tensor& image = photo("chelsea")) : name(model) {
     if (model.starts_with("slide_"))
       weights =
           std::make_unique<SafetensorsWeights>(SLIDE_TEST_DATA "/../../weights/" + model + ".safetensors");
     else
       weights = std::make_unique<FormulaWeights>(FormulaWeights::made_up());
-    run = photo_run(model, photo("chelsea"), *weights, kSide);
+    run = photo_run(model, image, *weights, kSide);
     fused = ops::fuse(*run.graph);
   }
 
@@ -158,20 +168,34 @@ TEST_CASE("a calibrated network keeps its layers' ranges and errors in the weigh
   const SafetensorsWeights weights(path);
   REQUIRE(weights.calibration() != nullptr);
   REQUIRE(weights.calibration()->layers.size() == calibration.layers.size());
+  int exact = 0;
   for (const auto& [name, layer] : calibration.layers) {
     const LayerCalibration& read = weights.calibration()->layers.at(name);
     CHECK(read.range.low == layer.range.low);
     CHECK(read.range.high == layer.range.high);
     CHECK(read.error == layer.error);
-    CHECK(layer.error < 0.1);
+    CHECK(layer.error <= 1);
+    exact += layer.error < 0.1 ? 1 : 0;
   }
+  CHECK(exact >= 30);  // some layers err by much of the result on images of one colour, where that is small
 
   FastExecutor fast(*network.fused, weights, {.precision = Precision::kInt8});
-  if (lower_precisions_pay()) CHECK(count(fast.plan(), Precision::kInt8) >= 20);
-  const double error = tensor_error(network.output(fast), network.reference()).rms;
-  CHECK(error <= fast.plan().predicted_error);
-  CHECK(error >= fast.plan().predicted_error / 3);
-  CHECK(fast.plan().predicted_error <= 0.02);
+  if (lower_precisions_pay()) CHECK(count(fast.plan(), Precision::kInt8) >= 15);
+  const double predicted = fast.plan().predicted_error;
+  CHECK(predicted <= 0.02);
+  const Tensor images[] = {photo("chelsea"), plain([](std::int64_t) { return 0.0F; }),
+                           plain([](std::int64_t) { return 1.0F; }),
+                           plain([](std::int64_t row) { return static_cast<float>(row) / 120; })};
+  double worst = 0;
+  for (std::size_t i = 0; i < std::size(images); ++i) {
+    CAPTURE(i);
+    const Network other("slide_depth", images[i]);
+    FastExecutor run(*other.fused, weights, {.precision = Precision::kInt8});
+    const double error = tensor_error(other.output(run), other.reference()).rms;
+    CHECK(error <= predicted);
+    worst = std::max(worst, error);
+  }
+  CHECK(worst >= predicted / 3);
 }
 
 TEST_CASE("the layers of a fused network are found by the names of their weights") {
