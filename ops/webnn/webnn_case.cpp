@@ -115,7 +115,7 @@ class Test {
   }
   /// A list of whole numbers among the options, or beside them.
   [[nodiscard]] std::vector<std::int64_t> integers(const std::string& name,
-                                                   std::vector<std::int64_t> otherwise) const {
+                                                   const std::vector<std::int64_t>& otherwise) const {
     const Json* value = find(name);
     return value == nullptr ? otherwise : list(*value, name);
   }
