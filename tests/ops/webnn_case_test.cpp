@@ -86,8 +86,8 @@ const Made kMade[] = {
     {"batch_normalization",
      R"({"input": )" + tensor("[1, 2, 1, 1]", "[3, 5]") + R"(, "mean": )" + tensor("[2]", "[1, 1]") +
          R"(, "variance": )" + tensor("[2]", "[3, 15]") + "}",
-     R"(, "options": {"epsilon": 1, "scale": )" + tensor("[2]", "[2, 4]") + "}", tensor("[1, 2, 1, 1]", "[2, 4]"),
-     tensor("[1, 2, 1, 1]", "[1, 1]")},
+     R"(, "options": {"epsilon": 1, "scale": )" + tensor("[2]", "[2, 4]") + "}",
+     tensor("[1, 2, 1, 1]", "[2, 4]"), tensor("[1, 2, 1, 1]", "[1, 1]")},
     {"clamp", R"({"x": )" + tensor("[3]", "[-2, 0.5, 2]") + "}",
      R"(, "options": {"minValue": -1, "maxValue": 1})", tensor("[3]", "[-1, 0.5, 1]"),
      tensor("[3]", "[-2, 0.5, 1]")},
