@@ -372,9 +372,10 @@ int run(CLI::App& app, int argc, char** argv) {
                  "tensors output.N in float64 to compare with; made by the float64 executor if missing");
   app.add_option("--precision", a.precision, "fp32, bf16, int8 or auto")->capture_default_str();
   app.add_option("--error-budget", a.error_budget, "fastest kernels with this predicted error, 1e-7 to 1");
-  app.add_option("--isa", a.isa,
-                 "kernels up to this level: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, "
-                 "neon; or of one without some features: avx512bf16,-avx512_vnni");
+  app.add_option(
+      "--isa", a.isa,
+      "kernels up to this level: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, "
+      "neon, neondot, neoni8mm, neonbf16; or of one without some features: avx512bf16,-avx512_vnni");
   app.add_option("--threads", a.threads, "0: one a core")->check(CLI::Range(0, 1024));
   app.add_option("--runs", a.runs, "runs after the first, of which the median counts")
       ->check(CLI::Range(1, 100000))

@@ -1,10 +1,12 @@
 # slide_add_kernels(files...): compiles each file once per instruction-set level of the target CPU, with
-#   SLIDE_ISA        the level's namespace: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, neon
+#   SLIDE_ISA        the level's namespace: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, neon,
+#                    neondot, neoni8mm, neonbf16
 #   SLIDE_ISA_ENUM   its enumerator in slide::Isa
 #   SLIDE_ISA_WIDTH  float32 lanes of a vector
 # so that one source written over ops/simd gives every level. Files must put all they define into namespace SLIDE_ISA.
 # slide_add_word_kernels(files...): the same, and once more for each level that differs from those below it in the products
-# of 8 and 16 bits alone (SLIDE_WORD_LEVEL is defined there; SLIDE_TILES where tiles multiply them): avxvnni, avx512vnni, amx.
+# of 8 and 16 bits alone (SLIDE_WORD_LEVEL is defined there; SLIDE_TILES where tiles multiply them): avxvnni, avx512vnni, amx,
+# neondot, neoni8mm, neonbf16.
 # slide_add_bf16_kernels(files...): once for each level that multiplies bfloat16, where there are such levels.
 set(SLIDE_ISA_LEVELS)
 set(SLIDE_WORD_LEVELS)
@@ -27,10 +29,17 @@ if(CMAKE_SYSTEM_PROCESSOR MATCHES "x86_64|AMD64")
   set(SLIDE_ISA_WIDTH_amx 16)
 elseif(CMAKE_SYSTEM_PROCESSOR MATCHES "aarch64|arm64")
   set(SLIDE_ISA_LEVELS baseline neon)
+  set(SLIDE_WORD_LEVELS neondot neoni8mm neonbf16)
   set(SLIDE_ISA_FLAGS_baseline "")
   set(SLIDE_ISA_FLAGS_neon "")
+  set(SLIDE_ISA_FLAGS_neondot -march=armv8.2-a+dotprod)
+  set(SLIDE_ISA_FLAGS_neoni8mm -march=armv8.2-a+dotprod+i8mm)
+  set(SLIDE_ISA_FLAGS_neonbf16 -march=armv8.2-a+dotprod+i8mm+bf16)
   set(SLIDE_ISA_WIDTH_baseline 4)
   set(SLIDE_ISA_WIDTH_neon 4)
+  set(SLIDE_ISA_WIDTH_neondot 4)
+  set(SLIDE_ISA_WIDTH_neoni8mm 4)
+  set(SLIDE_ISA_WIDTH_neonbf16 4)
 else()
   set(SLIDE_ISA_LEVELS baseline)
   set(SLIDE_ISA_FLAGS_baseline "")
@@ -44,6 +53,9 @@ set(SLIDE_ISA_ENUM_avx512vnni kAvx512Vnni)
 set(SLIDE_ISA_ENUM_avx512bf16 kAvx512Bf16)
 set(SLIDE_ISA_ENUM_amx kAmx)
 set(SLIDE_ISA_ENUM_neon kNeon)
+set(SLIDE_ISA_ENUM_neondot kNeonDot)
+set(SLIDE_ISA_ENUM_neoni8mm kNeonI8mm)
+set(SLIDE_ISA_ENUM_neonbf16 kNeonBf16)
 
 foreach(isa ${SLIDE_ISA_LEVELS})
   string(TOUPPER ${isa} isa_upper)

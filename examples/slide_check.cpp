@@ -191,7 +191,7 @@ void add_common(CLI::App& command, Arguments& a) {
   command.add_option(
       "--isa", a.isa,
       "kernels up to this level: baseline, avx2, avxvnni, avx512, avx512vnni, avx512bf16, amx, "
-      "neon; or of one without some features: avx512bf16,-avx512_vnni");
+      "neon, neondot, neoni8mm, neonbf16; or of one without some features: avx512bf16,-avx512_vnni");
   command.add_option("--threads", a.threads, "number of threads; 0: one a core")->check(CLI::Range(0, 1024));
 }
 

@@ -22,7 +22,8 @@ namespace slide {
 namespace {
 
 constexpr std::array<std::string_view, kIsaLevels> kNames = {"baseline",   "avx2",       "avxvnni", "avx512",
-                                                             "avx512vnni", "avx512bf16", "amx",     "neon"};
+                                                             "avx512vnni", "avx512bf16", "amx",     "neon",
+                                                             "neondot",    "neoni8mm",   "neonbf16"};
 constexpr std::array<std::string_view, kCpuFeatures> kFeatureNames = {
     "avx2",     "f16c",     "avx_vnni", "avx512", "avx512_vnni", "avx512_bf16", "avx512_fp16", "amx_tile",
     "amx_bf16", "amx_int8", "neon",     "fp16",   "dotprod",     "i8mm",        "bf16"};
@@ -146,6 +147,8 @@ CpuFeatures features_of(Isa isa) noexcept {
   const CpuFeatures none, avx2 = none.with(CpuFeature::kAvx2), avx512 = avx2.with(CpuFeature::kAvx512);
   const CpuFeatures vnni = avx512.with(CpuFeature::kAvx512Vnni);
   const CpuFeatures bf16 = vnni.with(CpuFeature::kAvx512Bf16);
+  const CpuFeatures neon = none.with(CpuFeature::kNeon), dot = neon.with(CpuFeature::kDotProd);
+  const CpuFeatures i8mm = dot.with(CpuFeature::kI8mm);
   switch (isa) {
     case Isa::kBaseline:
       return none;
@@ -162,7 +165,13 @@ CpuFeatures features_of(Isa isa) noexcept {
     case Isa::kAmx:
       return bf16.with(CpuFeature::kAmxTile).with(CpuFeature::kAmxBf16).with(CpuFeature::kAmxInt8);
     case Isa::kNeon:
-      return none.with(CpuFeature::kNeon);
+      return neon;
+    case Isa::kNeonDot:
+      return dot;
+    case Isa::kNeonI8mm:
+      return i8mm;
+    case Isa::kNeonBf16:
+      return i8mm.with(CpuFeature::kArmBf16);
   }
   return none;
 }

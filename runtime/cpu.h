@@ -67,10 +67,14 @@ enum class Isa : int {
   kAvx512Bf16,    ///< kAvx512Vnni + BF16
   kAmx,           ///< kAvx512Bf16 + AMX tiles: products of 8 and 16 bits only
   kNeon,          ///< AArch64 Advanced SIMD
+  kNeonDot,       ///< kNeon + DotProd: 8-bit products only
+  kNeonI8mm,      ///< kNeonDot + I8MM: 8-bit products only
+  kNeonBf16,      ///< kNeonI8mm + BF16: products of 16 bits only
 };
-inline constexpr int kIsaLevels = 8;
+inline constexpr int kIsaLevels = 11;
 
-/// "baseline", "avx2", "avxvnni", "avx512", "avx512vnni", "avx512bf16", "amx", "neon".
+/// "baseline", "avx2", "avxvnni", "avx512", "avx512vnni", "avx512bf16", "amx", "neon", "neondot", "neoni8mm",
+/// "neonbf16".
 [[nodiscard]] std::string_view name_of(Isa isa) noexcept;
 [[nodiscard]] std::optional<Isa> isa_from_name(std::string_view name) noexcept;
 

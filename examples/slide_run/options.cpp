@@ -210,10 +210,10 @@ void declare_running(CLI::App& app, Options& o) {
       ->group(running)
       ->check(CLI::Range(0, 1024))
       ->capture_default_str();
-  app.add_option(
-         "--isa", o.isa,
-         "Force a lower instruction set: a level (baseline, avx2, avxvnni, avx512, avx512vnni, "
-         "avx512bf16, amx, neon), or one without some features (avx512bf16,-avx512_vnni; --isa=-avx_vnni)")
+  app.add_option("--isa", o.isa,
+                 "Force a lower instruction set: a level (baseline, avx2, avxvnni, avx512, avx512vnni, "
+                 "avx512bf16, amx, neon, neondot, neoni8mm, neonbf16), or one without some features "
+                 "(avx512bf16,-avx512_vnni; --isa=-avx_vnni)")
       ->group(running)
       ->type_name("LEVEL");
   app.add_option("--max-memory", o.max_memory,

@@ -157,11 +157,14 @@ const Conv2dRoutines conv2d_routines {
   Isa::SLIDE_ISA_ENUM,
 #if defined(SLIDE_TILES)
       false, {false, true, true},
+#elif defined(SLIDE_WORD_LEVEL) && defined(__ARM_FEATURE_BF16_VECTOR_ARITHMETIC)
+      false, {false, true, false},
 #elif defined(SLIDE_WORD_LEVEL)
       false, {false, false, true},
 #else
       true, {true, true, true},
 #endif
+      Int8::kSplitsPairs, Int8::kByteOffset, Bf16::kSquares,
 #if defined(__FMA__) || defined(__aarch64__)
       true,
 #else

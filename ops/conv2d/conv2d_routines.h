@@ -61,9 +61,12 @@ struct WordProduct {
   std::int64_t depth;
   std::int64_t row_count, column_count;  ///< b is read up to a multiple of the vector width
   bool first, last;                      ///< of the blocks
-  const float* start;                    ///< for each row the word that its sums start from, or end with
-  float* sums;                           ///< what a block leaves for the next; rows of `columns`
-  const float* step;                     ///< in the last block, integers: y = sum · step + bias for each row
+  /// Int32, where Conv2dRoutines::splits_pairs says so: for each row the end of its entries, each k and the
+  /// word that is added to a's word k of the row; or, if the first end is negative, no entries.
+  const std::int32_t* rests;
+  const float* start;  ///< for each row the word that its sums start from, or end with
+  float* sums;         ///< what a block leaves for the next; rows of `columns`
+  const float* step;   ///< in the last block, integers: y = sum · step + bias for each row
   const float* bias;
   const float* residual;  ///< in the last block: added, laid out like y; may be null
   bool residual_last;     ///< ... behind the cut
@@ -134,9 +137,12 @@ struct Conv2dRoutines {
   /// own_words.
   bool whole;
   bool own_words[3];
-  bool fused;            ///< multiply and add round once
-  std::int64_t rows;     ///< of a panel of the left matrix
-  std::int64_t columns;  ///< of a panel of the right matrix
+  bool splits_pairs;          ///< of 8-bit integers: the words of a are of limited sums (direct/direct.h)
+  std::uint32_t byte_offset;  ///< what 8-bit integers of b are stored less: 0, or 128 where they are signed
+  bool rounds_to_odd;         ///< sums of products of bfloat16: by less than a unit in the last place
+  bool fused;                 ///< multiply and add round once
+  std::int64_t rows;          ///< of a panel of the left matrix
+  std::int64_t columns;       ///< of a panel of the right matrix
   /// Words of a row of the left matrix that lie together: word k of row m is a[(k / d · rows + m) · d + k %
   /// d]. If there are several, depths are filled up to a multiple of d with zeros in both matrices, and words
   /// of b are gathered.

@@ -79,17 +79,17 @@ SLIDE_INLINE void prefetch_rows(const WordProduct& p) {
   }
 }
 
-/// The first block starts from its words; each later one is summed by itself and then added, so that blocks
-/// bound the roundings.
+/// Row k of b.
+template <bool kOffsets>
+SLIDE_INLINE const float* row_of(const WordProduct& p, std::int64_t k) {
+  return p.b + (kOffsets ? p.offsets[k] : k * kColumns);
+}
+
 template <typename P, int R, int V, bool kOffsets>
-SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
-  static constexpr float kZeros[R] = {};
-  const float* start = p.first ? p.start : kZeros;
-  typename P::Sum sums[R][V];
+SLIDE_INLINE void sum_words(const WordProduct& p, const float* start, typename P::Sum (&sums)[R][V]) {
   SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
     SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::start(start + m);
   }
-  if (p.last) prefetch_rows<R, V>(p);
   const float* a = p.a;
   const float* b = p.b;
   for (std::int64_t k = 0; k < p.depth; ++k, a += kRows, b += kOffsets ? 0 : kColumns) {
@@ -102,6 +102,82 @@ SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] = P::step(left, right[v], sums[m][v]);
     }
   }
+}
+
+/// What was split off the words of a, row by row.
+template <typename P, int R, int V, bool kOffsets>
+SLIDE_INLINE void add_rests(const WordProduct& p, typename P::Sum (&sums)[R][V]) {
+  const std::int32_t* entry = p.rests + kRows;
+  SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
+    for (const std::int32_t* end = p.rests + kRows + 2 * p.rests[m]; entry != end; entry += 2) {
+      const float* row = row_of<kOffsets>(p, entry[0]);
+      const Bits left = Bits{} + entry[1];
+      SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] =
+          P::step(left, load_words(row + v * kWidth), sums[m][v]);
+    }
+  }
+}
+
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+/// Two rows of a by two columns of b are a square: column 0's sums for both rows, column 1's. An instruction adds the
+/// products of two words of the depth.
+template <typename P, int R, int V>
+SLIDE_INLINE void add_squares(const float* const (&a)[2], const float* const (&b)[2],
+                              Bits (&squares)[R / 2][2 * V]) {
+  Bits rows[(R + 3) / 4 * 2];
+  SLIDE_UNROLLED for (int i = 0; i < (R + 3) / 4; ++i) {
+    const Bits low = load_words(a[0] + 4 * i), high = load_words(a[1] + 4 * i);
+    rows[2 * i] = vzip1q_s32(low, high);
+    rows[2 * i + 1] = vzip2q_s32(low, high);
+  }
+  SLIDE_UNROLLED for (int v = 0; v < V; ++v) {
+    const Bits low = load_words(b[0] + v * kWidth), high = load_words(b[1] + v * kWidth);
+    const Bits columns[2] = {vzip1q_s32(low, high), vzip2q_s32(low, high)};
+    SLIDE_UNROLLED for (int i = 0; i < R / 2; ++i) {
+      SLIDE_UNROLLED for (int j = 0; j < 2; ++j) squares[i][2 * v + j] =
+          P::square(columns[j], rows[i], squares[i][2 * v + j]);
+    }
+  }
+}
+
+template <typename P, int R, int V, bool kOffsets>
+SLIDE_INLINE void sum_squares(const WordProduct& p, const float* start, typename P::Sum (&sums)[R][V]) {
+  static constexpr float kZeros[kColumns > kRows ? kColumns : kRows] = {};
+  Bits squares[R / 2][2 * V];
+  SLIDE_UNROLLED for (int i = 0; i < R / 2; ++i) {
+    std::int32_t two[2];
+    __builtin_memcpy(two, start + 2 * i, sizeof two);
+    SLIDE_UNROLLED for (int j = 0; j < 2 * V; ++j) squares[i][j] = Bits{two[0], two[1], two[0], two[1]};
+  }
+  const float* a = p.a;
+  std::int64_t k = 0;
+  for (; k + 1 < p.depth; k += 2, a += 2 * kRows)
+    add_squares<P, R, V>({a, a + kRows}, {row_of<kOffsets>(p, k), row_of<kOffsets>(p, k + 1)}, squares);
+  if (k < p.depth) add_squares<P, R, V>({a, kZeros}, {row_of<kOffsets>(p, k), kZeros}, squares);
+  SLIDE_UNROLLED for (int i = 0; i < R / 2; ++i) {
+    SLIDE_UNROLLED for (int v = 0; v < V; ++v) {
+      sums[2 * i][v] = P::of_bits(vuzp1q_s32(squares[i][2 * v], squares[i][2 * v + 1]));
+      sums[2 * i + 1][v] = P::of_bits(vuzp2q_s32(squares[i][2 * v], squares[i][2 * v + 1]));
+    }
+  }
+}
+#endif
+
+/// The first block starts from its words; each later one is summed by itself and then added, so that blocks
+/// bound the roundings.
+template <typename P, int R, int V, bool kOffsets>
+SLIDE_INLINE void multiply_block(const WordProduct& p, std::int64_t end) {
+  static constexpr float kZeros[R] = {};
+  const float* start = p.first ? p.start : kZeros;
+  typename P::Sum sums[R][V];
+  if (p.last) prefetch_rows<R, V>(p);
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+  if constexpr (P::kSquares)
+    sum_squares<P, R, V, kOffsets>(p, start, sums);
+  else
+#endif
+    sum_words<P, R, V, kOffsets>(p, start, sums);
+  if constexpr (P::kSplitsPairs) add_rests<P, R, V, kOffsets>(p, sums);
   if (!p.first) {
     SLIDE_UNROLLED for (int m = 0; m < R; ++m) {
       SLIDE_UNROLLED for (int v = 0; v < V; ++v) sums[m][v] =
@@ -125,11 +201,13 @@ void multiply_rows_of_words(const WordProduct& p) {
 
 template <typename P>
 void multiply_words(const WordProduct& p) {
+  if constexpr (P::kSplitsPairs)
+    if (p.rests[0] < 0) return multiply_words<Int8Wide>(p);
   for (std::int64_t j = 0; j < p.ahead_count; j += kRowAlignment) __builtin_prefetch(p.ahead + j, 0, 2);
   if (p.row_count > 4) return multiply_rows_of_words<P, kRows, kVectors>(p);
   if (p.row_count > 2) return multiply_rows_of_words<P, 4, kVectors>(p);
-  if (p.row_count > 1) return multiply_rows_of_words<P, 2, kVectors>(p);
-  multiply_rows_of_words<P, 1, kVectors>(p);
+  if (p.row_count > 1 || P::kSquares) return multiply_rows_of_words<P, 2, kVectors>(p);
+  multiply_rows_of_words<P, P::kSquares ? 2 : 1, kVectors>(p);
 }
 
 /// x[0], x[stride], ...: `count` <= kWidth of them, zeros in the other lanes. `more`: others follow.

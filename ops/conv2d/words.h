@@ -30,6 +30,7 @@ SLIDE_INLINE Float as_float(Bits bits) { return simd::from_bits<SLIDE_ISA_WIDTH>
 
 /// Sums in float32.
 struct FloatSums {
+  static constexpr bool kSquares = false, kSplitsPairs = false;
   using Sum = Float;
   static SLIDE_INLINE Sum load(const float* sums) { return simd::load(sums); }
   static SLIDE_INLINE Sum start(const float* word) { return simd::broadcast(*word); }
@@ -48,6 +49,20 @@ struct Fp32 : FloatSums {
 /// Two bfloat16: the first in the low half.
 struct Bf16 : FloatSums {
   static constexpr int kLanes = 2;
+#if defined(__ARM_FEATURE_BF16_VECTOR_ARITHMETIC)
+  static constexpr bool kSquares = true;
+  static SLIDE_INLINE Bits square(Bits columns, Bits rows, Bits sums) {
+    bfloat16x8_t left, right;
+    float32x4_t total;
+    __builtin_memcpy(&left, &columns, sizeof left);
+    __builtin_memcpy(&right, &rows, sizeof right);
+    __builtin_memcpy(&total, &sums, sizeof total);
+    total = vbfmmlaq_f32(total, left, right);
+    __builtin_memcpy(&sums, &total, sizeof sums);
+    return sums;
+  }
+  static SLIDE_INLINE Sum of_bits(Bits sums) { return as_float(sums); }
+#endif
   static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) {
 #if defined(__AVX512BF16__)
     __m512bh left, right;
@@ -86,6 +101,10 @@ struct Bf16 : FloatSums {
   }
 };
 
+#if defined(__AVX2__) && !defined(__AVX512VNNI__) && !defined(__AVXVNNI__)
+#define SLIDE_SPLITS_PAIRS 1
+#endif
+
 #if defined(__x86_64__)
 /// For each pair of adjacent 16-bit integers the sum of their products.
 SLIDE_INLINE Bits add_pairs(Halves a, Halves b) {
@@ -112,9 +131,46 @@ SLIDE_INLINE Bits add_pairs(Halves a, Halves b) {
 }
 #endif
 
-/// Four integers: b unsigned, a signed; sums are int32.
+#if defined(SLIDE_SPLITS_PAIRS)
+/// For each four bytes the sum of the products, b's unsigned, a's signed. Those of pairs saturate at 16 bits: a's
+/// pairs are of limited sums.
+SLIDE_INLINE Bits add_fours(Bits b, Bits a) {
+#if defined(__AVX512BW__)
+  __m512i left, right;
+#else
+  __m256i left, right;
+#endif
+  __builtin_memcpy(&left, &b, sizeof left);
+  __builtin_memcpy(&right, &a, sizeof right);
+#if defined(__AVX512BW__)
+  const __m512i sums = _mm512_madd_epi16(_mm512_maddubs_epi16(left, right), _mm512_set1_epi16(1));
+#else
+  const __m256i sums = _mm256_madd_epi16(_mm256_maddubs_epi16(left, right), _mm256_set1_epi16(1));
+#endif
+  Bits bits;
+  __builtin_memcpy(&bits, &sums, sizeof bits);
+  return bits;
+}
+#endif
+
+/// Four integers: b unsigned (less kByteOffset), a signed; sums are int32.
 struct Int8 {
   static constexpr int kLanes = 4;
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+  static constexpr bool kSquares = true;
+#else
+  static constexpr bool kSquares = false;
+#endif
+#if defined(SLIDE_SPLITS_PAIRS)
+  static constexpr bool kSplitsPairs = true;
+#else
+  static constexpr bool kSplitsPairs = false;
+#endif
+#if defined(__ARM_FEATURE_DOTPROD) && !defined(__ARM_FEATURE_MATMUL_INT8)
+  static constexpr std::uint32_t kByteOffset = 128;
+#else
+  static constexpr std::uint32_t kByteOffset = 0;
+#endif
   using Sum = Bits;
   static SLIDE_INLINE Sum load(const float* sums) { return load_words(sums); }
   static SLIDE_INLINE Sum start(const float* word) { return broadcast_word(word); }
@@ -141,7 +197,30 @@ struct Int8 {
     total = _mm256_dpbusd_avx_epi32(total, right, left);
     __builtin_memcpy(&sum, &total, sizeof sum);
     return sum;
-#elif defined(__x86_64__)
+#elif defined(SLIDE_SPLITS_PAIRS)
+    return sum + add_fours(b, a);
+#elif defined(__ARM_FEATURE_DOTPROD)
+    int8x16_t left, right;
+    __builtin_memcpy(&left, &a, sizeof left);
+    __builtin_memcpy(&right, &b, sizeof right);
+    return vdotq_s32(sum, right, left);
+#else
+    return wide_step(a, b, sum);
+#endif
+  }
+#if defined(__ARM_FEATURE_MATMUL_INT8)
+  static SLIDE_INLINE Bits square(Bits columns, Bits rows, Bits sums) {
+    uint8x16_t left;
+    int8x16_t right;
+    __builtin_memcpy(&left, &columns, sizeof left);
+    __builtin_memcpy(&right, &rows, sizeof right);
+    return vusmmlaq_s32(sums, left, right);
+  }
+  static SLIDE_INLINE Sum of_bits(Bits sums) { return sums; }
+#endif
+  /// Of any a, where there is no instruction for it.
+  static SLIDE_INLINE Sum wide_step(Bits a, Bits b, Sum sum) {
+#if defined(__x86_64__)
     // Products of bytes and their sums in pairs would overflow 16 bits (vpmaddubsw saturates): bytes become
     // 16-bit integers, even ones and odd ones, whose products are added in pairs as 32 bits.
     Halves left, right;
@@ -176,6 +255,13 @@ struct Int8 {
         _mm256_broadcastsi128_si256(_mm_setr_epi8(0, 4, 8, 12, 1, 5, 9, 13, 2, 6, 10, 14, 3, 7, 11, 15));
     const __m256i bytes = _mm256_shuffle_epi8(_mm256_packus_epi16(ab, cd), order);
     __builtin_memcpy(&word, &bytes, sizeof word);
+#elif defined(__aarch64__)
+    uint32x4_t bytes[4];
+    for (int lane = 0; lane < 4; ++lane) bytes[lane] = vcvtnq_u32_f32(scaled[lane].v);  // saturates at 0
+    bytes[0] = vsliq_n_u32(bytes[0], bytes[1], 8);
+    bytes[0] = vsliq_n_u32(bytes[0], bytes[2], 16);
+    bytes[0] = vsliq_n_u32(bytes[0], bytes[3], 24);
+    __builtin_memcpy(&word, bytes, sizeof word);
 #else
     // Half is added because conversion cuts off.
     for (int lane = 0; lane < 4; ++lane)
@@ -186,8 +272,14 @@ struct Int8 {
                   Bits)
               << 8 * lane;
 #endif
-    return word;
+    return word ^ static_cast<std::int32_t>(kByteOffset * 0x01010101U);
   }
+};
+
+/// The same of any a at every level.
+struct Int8Wide : Int8 {
+  static constexpr bool kSplitsPairs = false;
+  static SLIDE_INLINE Sum step(Bits a, Bits b, Sum sum) { return wide_step(a, b, sum); }
 };
 
 }  // namespace

@@ -27,6 +27,11 @@
   X(avx512bf16, slide::Isa::kAvx512Bf16) \
   X(avx512, slide::Isa::kAvx512) X(avx2, slide::Isa::kAvx2) X(baseline, slide::Isa::kBaseline)
 #elif defined(SLIDE_HAVE_NEON)
+#define SLIDE_EACH_WORD_ISA(X)       \
+  X(neonbf16, slide::Isa::kNeonBf16) \
+  X(neoni8mm, slide::Isa::kNeonI8mm) \
+  X(neondot, slide::Isa::kNeonDot)   \
+  X(neon, slide::Isa::kNeon) X(baseline, slide::Isa::kBaseline)
 #define SLIDE_EACH_ISA(X) X(neon, slide::Isa::kNeon) X(baseline, slide::Isa::kBaseline)
 #else
 #define SLIDE_EACH_ISA(X) X(baseline, slide::Isa::kBaseline)

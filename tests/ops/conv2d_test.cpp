@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <set>
 
 #include "judge.h"
 #include "kernel_bounds.h"
@@ -267,26 +268,26 @@ TEST_CASE("a single filter, which waits for its input, is computed in float32 at
   CHECK(precisions({5, 16, 3, 3}) == std::pair(false, true));
 }
 
-#if defined(__x86_64__)
-TEST_CASE("8-bit products have kernels of their own wherever there is VNNI, other products do not") {
+TEST_CASE("products of lower precision have kernels of their own where there are instructions for them") {
   const Call call =
       conv({random_tensor({1, 16, 8, 40}, 1), random_tensor({16, 16, 3, 3}, 2)}, ops::Conv2dParams::same(3));
-  const auto at = [&](Isa isa, Precision precision) {
-    return std::ranges::any_of(call.op->kernels(), [&](const Kernel* kernel) {
-      return kernel->isa() == isa && kernel->precision() == precision;
-    });
+  const auto precisions_at = [&](Isa isa) {
+    std::set<Precision> found;
+    for (const Kernel* kernel : call.op->kernels())
+      if (kernel->isa() == isa) found.insert(kernel->precision());
+    return found;
   };
-  for (const Isa isa : {Isa::kAvxVnni, Isa::kAvx512Vnni}) {
-    CHECK(at(isa, Precision::kInt8));
-    CHECK_FALSE(at(isa, Precision::kFp32));
-    CHECK_FALSE(at(isa, Precision::kBf16));
-  }
-  CHECK(at(Isa::kAvx512Bf16, Precision::kBf16));
-  CHECK(at(Isa::kAmx, Precision::kInt8));
-  CHECK(at(Isa::kAmx, Precision::kBf16));
-  CHECK_FALSE(at(Isa::kAmx, Precision::kFp32));
-}
+  using All = std::set<Precision>;
+#if defined(__x86_64__)
+  for (const Isa isa : {Isa::kAvxVnni, Isa::kAvx512Vnni}) CHECK(precisions_at(isa) == All{Precision::kInt8});
+  CHECK(precisions_at(Isa::kAvx512Bf16).size() == 3);
+  CHECK(precisions_at(Isa::kAmx) == All{Precision::kBf16, Precision::kInt8});
+#elif defined(__aarch64__)
+  for (const Isa isa : {Isa::kNeonDot, Isa::kNeonI8mm}) CHECK(precisions_at(isa) == All{Precision::kInt8});
+  CHECK(precisions_at(Isa::kNeonBf16) == All{Precision::kBf16});
 #endif
+  CHECK(precisions_at(Isa::kBaseline).size() == 3);
+}
 
 TEST_CASE("the bound holds where sums cancel") {
   // Each product comes with its negative, far away in the order of summation, and one small term remains.

@@ -3,6 +3,7 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstring>
@@ -117,8 +118,10 @@ inline double error_in_bounds(const std::vector<float>& y, const Tensor& exact, 
 /// How many levels this CPU runs for which every kernel is compiled, not products of words alone.
 inline int whole_levels() {
   const std::vector<Isa> levels = available_isas();
+  constexpr std::array kWordLevels = {Isa::kAvxVnni, Isa::kAvx512Vnni, Isa::kAmx,
+                                      Isa::kNeonDot, Isa::kNeonI8mm,   Isa::kNeonBf16};
   return static_cast<int>(std::ranges::count_if(
-      levels, [](Isa isa) { return isa != Isa::kAvxVnni && isa != Isa::kAvx512Vnni && isa != Isa::kAmx; }));
+      levels, [&](Isa isa) { return std::ranges::find(kWordLevels, isa) == kWordLevels.end(); }));
 }
 
 /// Checks every kernel of every level this CPU runs against the reference and its own stated bound, and that

@@ -62,6 +62,11 @@ TEST_CASE("levels run where their features are") {
   CHECK(best_isa(features_of(Isa::kAvx512Bf16).without(CpuFeature::kAvx512Bf16)) == Isa::kAvx512Vnni);
   CHECK(best_isa(features_of(Isa::kAvx512Bf16).without(CpuFeature::kAvx512).with(CpuFeature::kAvxVnni)) ==
         Isa::kAvxVnni);
+  CHECK(runs_at(Isa::kNeonDot, Isa::kNeonI8mm));
+  CHECK(runs_at(Isa::kNeonI8mm, Isa::kNeonBf16));
+  CHECK(best_isa(features_of(Isa::kNeonBf16).without(CpuFeature::kArmBf16)) == Isa::kNeonI8mm);
+  CHECK(best_isa(features_of(Isa::kNeonBf16).without(CpuFeature::kI8mm)) == Isa::kNeonDot);
+  CHECK(best_isa(features_of(Isa::kNeonBf16).without(CpuFeature::kDotProd)) == Isa::kNeon);
   CHECK(best_isa({}) == Isa::kBaseline);
 }
 

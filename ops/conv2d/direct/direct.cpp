@@ -9,6 +9,12 @@ namespace slide::ops {
 /// Whether nothing is left to do after the sums but what the product does: then it writes to y.
 bool Conv2dDirect::writes_y() const noexcept { return !gated_ && !upsampled_ && epilogue_.empty(nullptr); }
 
+namespace {
+const std::int32_t* integers(const float* words) {
+  return static_cast<const std::int32_t*>(static_cast<const void*>(words));
+}
+}  // namespace
+
 /// Words k, ... of a task's weights.
 Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::int64_t k) const noexcept {
   const std::int64_t depth = std::min(block_depth_, depth_ - k);
@@ -23,7 +29,8 @@ Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::in
           to_y ? g_.oplane() : routines_.columns,
           group * panels_ * routines_.rows,
           channel * g_.oplane() + t.first_row * columns_out_,
-          packed + (group * panels_ * filled(depth_) + panels_ * k) * routines_.rows};
+          packed + words_at(group * panels_, k),
+          rest_size() > 0 ? integers(packed + rests_at(group * panels_, k)) : nullptr};
 }
 
 /// A panel of weights times positions that fill at most one panel of columns. Shallow products
@@ -45,6 +52,7 @@ Conv2dDirect::Block Conv2dDirect::block(const Call& call, const Task& t, std::in
                   .column_count = columns.count,
                   .first = block.first,
                   .last = block.last,
+                  .rests = block.rests != nullptr ? block.rests + panel * rest_size() : nullptr,
                   .start = call.starts + row,
                   .sums = sums,
                   .step = call.steps + row,

@@ -35,7 +35,11 @@ namespace slide::ops {
 ///
 /// Integers: activations are round(x / step) + zero in 0...255 for the range of the tensor (calibrated, or
 /// measured at each run) with 0 kept exact, weights are round(w / step) in -127...127 with a step for each
-/// output channel. Their sum is exact.
+/// output channel. Their sum is exact, also where an instruction adds products in pairs and saturates at 16 bits
+/// (Conv2dRoutines::splits_pairs): two weights w of one sign that are multiplied by neighbouring activations give no
+/// more than 255·128 < 2^15 if their magnitudes add up to 128 at most, two of different signs never do. Of larger ones
+/// the excess becomes an entry of its own, with the same activations, and the sums are the same integers. Where too many
+/// weights are so large, a panel has none and is multiplied by other instructions.
 class Conv2dDirect {
  public:
   static constexpr Precision kPrecision = Precision::kFp32;
@@ -86,6 +90,11 @@ class Conv2dDirect {
   [[nodiscard]] float pack_word(const float* weight, std::int64_t filter, std::int64_t k, int variant,
                                 float step) const;
   void pack_panel(const float* weight, std::int64_t panel, float* panels, float* steps, float* sums) const;
+  [[nodiscard]] std::int64_t rest_entries() const noexcept;
+  [[nodiscard]] std::int64_t rest_size() const noexcept;
+  [[nodiscard]] std::int64_t words_at(std::int64_t panel, std::int64_t k) const noexcept;
+  [[nodiscard]] std::int64_t rests_at(std::int64_t panel, std::int64_t k) const noexcept;
+  void split_pairs(float* words, std::int64_t depth, std::int32_t* rests) const;
   [[nodiscard]] Quantiser quantiser(const Conv2dArrays& arrays) const;
   void make_row_values(const Call& call) const;
   void spoil(const Call& call) const;
@@ -103,6 +112,7 @@ class Conv2dDirect {
     std::int64_t y_stride, row;  // of panel 0
     std::int64_t at;             // of panel 0 and the strip, in y
     const float* a;              // of panel 0
+    const std::int32_t* rests;   // of panel 0; null if nothing is split
   };
   struct Ahead {  // rows of x that are gathered next: each product fetches one
     const float* x = nullptr;

@@ -69,7 +69,9 @@ void Conv2dDirect::make_row_values(const Call& call) const {
     if (precision_ != Precision::kInt8) continue;
     // What the zero point adds to each sum is taken off.
     const auto sum = std::bit_cast<std::int32_t>(steps[count + i]);
-    call.starts[i] = std::bit_cast<float>(-static_cast<std::int32_t>(call.quantiser.zero) * sum);
+    const std::int32_t zero =
+        static_cast<std::int32_t>(call.quantiser.zero) - static_cast<std::int32_t>(routines_.byte_offset);
+    call.starts[i] = std::bit_cast<float>(-zero * sum);
     call.steps[i] = steps[i] * call.quantiser.step;
   }
 }
@@ -81,7 +83,9 @@ void Conv2dDirect::fill_plane(const Call& call, std::int64_t index, std::int64_t
   const std::int64_t channel = index / group_words_ * g_.group_ic + word * lanes_;
   const Quantiser& q = call.quantiser;
   const auto zero = static_cast<std::uint32_t>(q.zero);
-  const float outside = precision_ == Precision::kInt8 ? std::bit_cast<float>(zero * 0x01010101U) : 0.0F;
+  const float outside = precision_ == Precision::kInt8
+                            ? std::bit_cast<float>((zero ^ routines_.byte_offset) * 0x01010101U)
+                            : 0.0F;
   const float* x = call.arrays.x + channel * in_height_ * in_width_;
   WordSource source{x, in_height_ * in_width_, g_.group_ic - word * lanes_, q.zero, 1 / q.step, least_};
   const auto fill = routines_.fill_rows[static_cast<std::size_t>(precision_)];

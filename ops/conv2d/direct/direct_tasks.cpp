@@ -194,7 +194,9 @@ double Conv2dDirect::error_factor() const noexcept {
   // Each word is as many fused multiply-adds; sums of weights (upsampled) are rounded once more.
   const auto roundings =
       static_cast<double>(block_depth_ * lanes_ + blocks + (routines_.fused ? 0 : 1) + (upsampled_ ? 1 : 0));
-  if (precision_ == Precision::kBf16) return 2.01 + 1.01 * roundings * 0x1p-16;
+  // Rounded to odd, two products are added and then their sum: half as many roundings and one, of two units each.
+  const double to_odd = routines_.rounds_to_odd ? 2 : 0;
+  if (precision_ == Precision::kBf16) return 2.01 + 1.01 * (roundings + to_odd) * 0x1p-16;
   return 1.001 * roundings;
 }
 

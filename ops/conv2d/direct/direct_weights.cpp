@@ -3,8 +3,10 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstdlib>
 #include <cstring>
 #include <limits>
+#include <vector>
 
 #include "ops/conv2d/bf16_bits.h"
 #include "ops/conv2d/conv2d_op.h"
@@ -19,15 +21,80 @@ bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {
   return parity == 0 ? (tap == 0) == (u == 0) : (tap == 1) == (u == 2);
 }
 
+std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
+
+/// By how much the magnitudes of the two lower bytes, if of one sign, exceed 128: as a byte with their sign.
+std::uint32_t excess_of_pair(std::uint32_t pair) {
+  const int first = static_cast<std::int8_t>(pair & 0xFFU);
+  const int second = static_cast<std::int8_t>(pair >> 8 & 0xFFU);
+  if ((first < 0) != (second < 0)) return 0;
+  const int excess = std::max(0, std::abs(first + second) - 128);
+  return static_cast<std::uint8_t>(first < 0 ? -excess : excess);
+}
+
+/// Byte by byte a - b of the first and the third: those that excess_of_pair() takes off.
+std::uint32_t without(std::uint32_t a, std::uint32_t b) {
+  const std::uint32_t first = (a - b) & 0xFFU, third = ((a >> 16) - (b >> 16)) & 0xFFU;
+  return (a & 0xFF00FF00U) | first | third << 16;
+}
+
 }  // namespace
 
 /// Packed: for each variant and group the blocks of the depth, in each the panels
 /// (Conv2dRoutines::tile_depth), so that a task reads them in their order; for integers then the step and the
-/// sum of each row.
+/// sum of each row, and what is split off the words of each panel and block.
 std::size_t Conv2dDirect::packed_bytes() const noexcept {
-  const std::int64_t rows = variants_ * g_.groups * panels_ * routines_.rows;
-  return static_cast<std::size_t>(rows * (filled(depth_) + (precision_ == Precision::kInt8 ? 2 : 0))) *
-         sizeof(float);
+  const std::int64_t panels = variants_ * g_.groups * panels_;
+  const std::int64_t row = filled(depth_) + (precision_ == Precision::kInt8 ? 2 : 0);
+  const std::int64_t rests = divide_up(depth_, block_depth_) * rest_size();
+  return static_cast<std::size_t>(panels * (routines_.rows * row + rests)) * sizeof(float);
+}
+
+/// Those that a panel of a block may have: with one for a fourth of its words they take half as long as the words.
+std::int64_t Conv2dDirect::rest_entries() const noexcept {
+  return divide_up(routines_.rows * block_depth_, 4);
+}
+
+/// WordProduct::rests of a panel.
+std::int64_t Conv2dDirect::rest_size() const noexcept {
+  const bool split = routines_.splits_pairs && precision_ == Precision::kInt8;
+  return split ? routines_.rows + 2 * rest_entries() : 0;
+}
+
+/// Where the words are of a panel, counted over all variants and groups, and of the block that begins at k.
+std::int64_t Conv2dDirect::words_at(std::int64_t panel, std::int64_t k) const noexcept {
+  const std::int64_t first = panel / panels_ * panels_, depth = std::min(block_depth_, depth_ - k);
+  return (first * filled(depth_) + panels_ * k + (panel - first) * filled(depth)) * routines_.rows;
+}
+
+std::int64_t Conv2dDirect::rests_at(std::int64_t panel, std::int64_t k) const noexcept {
+  const std::int64_t blocks = divide_up(depth_, block_depth_);
+  const std::int64_t index = (panel / panels_ * blocks + k / block_depth_) * panels_ + panel % panels_;
+  return variants_ * g_.groups * panels_ * routines_.rows * (filled(depth_) + 2) + index * rest_size();
+}
+
+/// Takes off a panel's words what their pairs exceed.
+void Conv2dDirect::split_pairs(float* words, std::int64_t depth, std::int32_t* rests) const {
+  const std::int64_t rows = routines_.rows;
+  std::vector<std::int32_t> entries;
+  std::vector<std::uint32_t> limited(static_cast<std::size_t>(rows * depth));
+  for (std::int64_t m = 0; m < rows; ++m) {
+    for (std::int64_t k = 0; k < depth; ++k) {
+      const auto whole = std::bit_cast<std::uint32_t>(words[k * rows + m]);
+      const std::uint32_t rest = excess_of_pair(whole) | excess_of_pair(whole >> 16) << 16;
+      limited[static_cast<std::size_t>(k * rows + m)] = without(whole, rest);
+      if (rest == 0) continue;
+      entries.push_back(static_cast<std::int32_t>(k));
+      entries.push_back(std::bit_cast<std::int32_t>(rest));
+    }
+    rests[m] = static_cast<std::int32_t>(entries.size() / 2);
+  }
+  if (std::ssize(entries) > 2 * rest_entries()) {
+    rests[0] = -1;
+    return;
+  }
+  std::ranges::copy(entries, rests + rows);
+  std::memcpy(words, limited.data(), limited.size() * sizeof(float));
 }
 
 double Conv2dDirect::weight_at(const float* weight, std::int64_t filter, std::int64_t channel, int variant,
@@ -63,6 +130,7 @@ float Conv2dDirect::pack_word(const float* weight, std::int64_t filter, std::int
 void Conv2dDirect::pack_panel(const float* weight, std::int64_t panel, float* panels, float* steps,
                               float* sums) const {
   const std::int64_t rows = routines_.rows;
+  const std::int64_t index = panel;
   const int variant = static_cast<int>(panel / (g_.groups * panels_));
   const std::int64_t group = panel / panels_;
   panel %= panels_;
@@ -88,8 +156,7 @@ void Conv2dDirect::pack_panel(const float* weight, std::int64_t panel, float* pa
     for (std::int64_t block = 0; block < depth_; block += block_depth_) {
       const std::int64_t depth = std::min(block_depth_, depth_ - block), whole = filled(depth);
       const std::int64_t tile = routines_.tile_depth;
-      float* to =
-          panels + (group * panels_ * filled(depth_) + panels_ * block + panel * whole) * rows + m * tile;
+      float* to = panels + words_at(index, block) + m * tile;
       const float* from = weight + filter * depth_ + block;
       for (std::int64_t k = 0; as_it_is && k < depth; ++k) to[k * rows] = inside ? from[k] : 0.0F;
       for (std::int64_t k = 0; !as_it_is && k < whole; ++k) {
@@ -111,6 +178,9 @@ void Conv2dDirect::pack(const float* weight, std::byte* packed) const {
   float* sums = steps + all * routines_.rows;
   parallel_for(all, [&](std::int64_t panel) {
     pack_panel(weight, panel, panels, steps + panel * routines_.rows, sums + panel * routines_.rows);
+    for (std::int64_t k = 0; rest_size() > 0 && k < depth_; k += block_depth_)
+      split_pairs(panels + words_at(panel, k), std::min(block_depth_, depth_ - k),
+                  static_cast<std::int32_t*>(static_cast<void*>(panels + rests_at(panel, k))));
   });
 }
 
