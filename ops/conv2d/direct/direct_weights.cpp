@@ -23,10 +23,14 @@ bool stands_for(std::int64_t parity, std::int64_t tap, std::int64_t u) {
 
 std::int64_t divide_up(std::int64_t a, std::int64_t b) { return (a + b - 1) / b; }
 
+int lowest_byte(std::uint32_t bits) {
+  const int value = static_cast<int>(bits & 0xFFU);
+  return value < 128 ? value : value - 256;
+}
+
 /// By how much the magnitudes of the two lower bytes, if of one sign, exceed 128: as a byte with their sign.
 std::uint32_t excess_of_pair(std::uint32_t pair) {
-  const int first = static_cast<std::int8_t>(pair & 0xFFU);
-  const int second = static_cast<std::int8_t>(pair >> 8 & 0xFFU);
+  const int first = lowest_byte(pair), second = lowest_byte(pair >> 8);
   if ((first < 0) != (second < 0)) return 0;
   const int excess = std::max(0, std::abs(first + second) - 128);
   return static_cast<std::uint8_t>(first < 0 ? -excess : excess);
@@ -50,9 +54,9 @@ std::size_t Conv2dDirect::packed_bytes() const noexcept {
   return static_cast<std::size_t>(panels * (routines_.rows * row + rests)) * sizeof(float);
 }
 
-/// Those that a panel of a block may have: with one for a fourth of its words they take half as long as the words.
+/// Those that a panel of a block may have: with one for half of its words they take about as long as the words.
 std::int64_t Conv2dDirect::rest_entries() const noexcept {
-  return divide_up(routines_.rows * block_depth_, 4);
+  return divide_up(routines_.rows * block_depth_, 2);
 }
 
 /// WordProduct::rests of a panel.
