@@ -1,15 +1,14 @@
 #include "graphs/slide.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 
+#include "graphs/pipeline.h"
+#include "graphs/stage.h"
 #include "graphs/stages.h"
 #include "graphs/subject.h"
-#include "ops/fusion/fusion.h"
 #include "ops/normalise/normalise.h"
 #include "runtime/error.h"
-#include "runtime/fast_executor.h"
 
 namespace slide::graphs {
 namespace {
@@ -20,8 +19,6 @@ constexpr double kLargestCoverage = 0.85;
 
 /// A subject's matte is mostly decided: this fraction of what is above 0.1 is above 0.9.
 constexpr double kDecided = 0.5;
-
-const WeightMap kNoWeights("a stage without weights");
 
 /// Names below "depth." and "inpaint.", each found in its own source.
 class ScopedWeights : public WeightSource {
@@ -49,70 +46,18 @@ class ScopedWeights : public WeightSource {
   SlideModels models_;
 };
 
-/// One stage: a graph, its weights, and what its run took.
-class Stage {
- public:
-  Stage(std::string name, const SlideOptions& options) : options_(options) { report_.name = std::move(name); }
-  [[nodiscard]] Graph& graph() noexcept { return *graph_; }
-
-  /// Memory and arithmetic, without running. The stage is used up. `network`: it has one.
-  [[nodiscard]] PlannedStage plan(const NetworkChoice& network = {}) && {
-    graph_ = ops::fuse(*graph_);
-    const bool chosen = network.chosen();
-    Plan plan = make_plan(*graph_, {.isa = options_.isa,
-                                    .precision = chosen ? options_.precision : Precision::kFp32,
-                                    .error_budget = chosen ? options_.error_budget : 0,
-                                    .calibration = chosen ? network.weights->calibration() : nullptr,
-                                    .weights = chosen ? network.weights : nullptr});
-    count(plan);
-    return {report_, std::move(graph_), std::move(plan)};
-  }
-
-  /// Fuses and runs the graph; `first` and `part` say which part of the stage's way this run is.
-  void run(const WeightSource& weights, const NamedTensors& inputs, double first = 0, double part = 1) {
-    const auto start = std::chrono::steady_clock::now();
-    graph_ = ops::fuse(*graph_);
-    const bool network = &weights != &kNoWeights;
-    executor_.emplace(*graph_, weights,
-                      FastOptions{.isa = options_.isa,
-                                  .memory_limit = options_.memory_limit,
-                                  .precision = network ? options_.precision : Precision::kFp32,
-                                  .error_budget = network ? options_.error_budget : 0});
-    count(executor_->plan());
-    RunOptions run_options;
-    if (options_.progress)
-      run_options.progress = [&](const Progress& p) {
-        return options_.progress(report_.name, first + part * p.done / std::max(1, p.total), p.node);
-      };
-    executor_->run(inputs, run_options);
-    report_.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-  }
-
-  /// A copy of an output: the arena goes with the stage.
-  [[nodiscard]] Tensor take(std::string_view output) const { return executor_->tensor(output).clone(); }
-  [[nodiscard]] const StageReport& report() const noexcept { return report_; }
-
- private:
-  void count(const Plan& plan) {
-    report_.memory = plan.memory_bytes();
-    report_.predicted_error = plan.predicted_error;
-    for (const PlanStep& step : plan.steps) {
-      if (step.kernel->precision() == Precision::kBf16) ++report_.bf16_layers;
-      if (step.kernel->precision() == Precision::kInt8) ++report_.int8_layers;
-    }
-    for (const PlanStep& step : plan.steps) {
-      const Node& node = graph_->node(step.node);
-      std::vector<Shape> shapes;
-      for (const int j : node.inputs) shapes.push_back(graph_->node(j).shape);
-      report_.gflop += 2e-9 * node.op->macs(shapes, node.shape);
-    }
-  }
-
-  const SlideOptions& options_;
-  StageReport report_;
-  std::unique_ptr<Graph> graph_ = std::make_unique<Graph>();
-  std::optional<FastExecutor> executor_;
-};
+/// The stages of the networks, for images of a shape: one builder for running and for planning.
+BuildStage depth_builder(const Shape& image, const NetworkChoice& network) {
+  return [=](Graph& g) { g.output("D", estimate_disparity(g.input("image", image), network)); };
+}
+BuildStage saliency_builder(const Shape& image, const NetworkChoice& network) {
+  return [=](Graph& g) { g.output("M", estimate_matte(g.input("image", image), network)); };
+}
+BuildStage matting_builder(const Shape& map, const NetworkChoice& network) {
+  return [=](Graph& g) {
+    g.output("M", refine_matte(g.input("image", map.with(1, 3)), g.input("saliency", map), network));
+  };
+}
 
 void require_map(const std::string& what, const Tensor& map, const Shape& image) {
   const Shape wanted = image.with(1, 1);
@@ -152,26 +97,37 @@ double fraction_above(const Tensor& map, float threshold) {
   return static_cast<double>(above) / static_cast<double>(values.size());
 }
 
-/// D: the user's map or the network's, normalised to [0, 1].
-void find_disparity(const SlideInput& input, const SlideModels& models, const SlideOptions& options,
-                    SlideLayers& out) {
-  Stage stage("depth", options);
-  Graph& g = stage.graph();
-  const bool given = !input.disparity.empty();
-  if (!given && !models.depth.chosen())
+/// D by the network.
+Tensor estimate(const StageContext& context, const Tensor& image, StageReport& report) {
+  Stage stage("depth", context, context.models.depth);
+  stage.run({{"image", image}}, depth_builder(image.shape(), context.models.depth));
+  report = stage.report();
+  Tensor disparity = stage.take("D");
+  require_finite("network's disparity", disparity, ErrorKind::kInternal);
+  return disparity;
+}
+
+/// D: the user's map, normalised to [0, 1].
+Tensor normalised(const StageContext& context, const Tensor& map, StageReport& report) {
+  Stage stage("depth", context);
+  stage.run({{"disparity", map}},
+            [&](Graph& g) { g.output("D", ops::min_max_normalise(g.input("disparity", map.shape()))); });
+  report = stage.report();
+  return stage.take("D");
+}
+
+void require_depth_network(const SlideModels& models) {
+  if (!models.depth.chosen())
     throw Error(ErrorKind::kUsage, "there is neither a depth map nor a depth network",
                 "give --depth FILE, or --depth-weights FILE");
-  if (given)
-    g.output("D", ops::min_max_normalise(g.input("disparity", input.disparity.shape())));
-  else
-    g.output("D", estimate_disparity(g.input("image", input.image.shape()), models.depth));
-  if (given)
-    stage.run(kNoWeights, {{"disparity", input.disparity}});
-  else
-    stage.run(*models.depth.weights, {{"image", input.image}});
-  out.disparity = stage.take("D");
-  require_finite("network's disparity", out.disparity, ErrorKind::kInternal);
-  out.report.stages.push_back(stage.report());
+}
+
+void find_disparity(const SlideInput& input, const StageContext& context, SlideLayers& out) {
+  const bool given = !input.disparity.empty();
+  if (!given) require_depth_network(context.models);
+  StageReport& report = out.report.stages.emplace_back();
+  out.disparity =
+      given ? normalised(context, input.disparity, report) : estimate(context, input.image, report);
   out.report.relief = max_abs(out.disparity) > 0;
 }
 
@@ -181,12 +137,10 @@ bool stands_out(const Tensor& matte, double coverage) {
 }
 
 /// The saliency network's matte refined by the matting network.
-void refine(const SlideModels& models, const SlideOptions& options, Tensor& matte, SlideLayers& out) {
-  Stage stage("matting", options);
-  Graph& g = stage.graph();
-  g.output("M", refine_matte(g.input("image", out.image.shape()), g.input("saliency", matte.shape()),
-                             models.matting));
-  stage.run(*models.matting.weights, {{"image", out.image}, {"saliency", matte}});
+void refine(const StageContext& context, Tensor& matte, SlideLayers& out) {
+  const NetworkChoice& network = context.models.matting;
+  Stage stage("matting", context, network);
+  stage.run({{"image", out.image}, {"saliency", matte}}, matting_builder(matte.shape(), network));
   matte = stage.take("M");
   require_finite("refined matte", matte, ErrorKind::kInternal);
   out.report.stages.push_back(stage.report());
@@ -196,26 +150,24 @@ void refine(const SlideModels& models, const SlideOptions& options, Tensor& matt
 
 /// M: the user's, or the saliency network's if it is asked for and (kAuto) shows a subject, refined if there
 /// is a matting network.
-void find_matte(const SlideInput& input, const SlideModels& models, const SlideOptions& options,
-                SlideLayers& out) {
+void find_matte(const SlideInput& input, const StageContext& context, SlideLayers& out) {
+  const SlideModels& models = context.models;
   Tensor matte = input.matte;
   if (matte.empty()) {
-    if (options.matte == MatteUse::kNever) return;
+    if (context.options.matte == MatteUse::kNever) return;
     if (!models.saliency.chosen())
       throw Error(ErrorKind::kUsage, "a matte is asked for, and there is no saliency network",
                   "give --matte FILE, or --saliency-weights FILE");
-    Stage stage("saliency", options);
-    stage.graph().output("M",
-                         estimate_matte(stage.graph().input("image", input.image.shape()), models.saliency));
-    stage.run(*models.saliency.weights, {{"image", input.image}});
+    Stage stage("saliency", context, models.saliency);
+    stage.run({{"image", input.image}}, saliency_builder(input.image.shape(), models.saliency));
     matte = stage.take("M");
     require_finite("network's matte", matte, ErrorKind::kInternal);
     out.report.stages.push_back(stage.report());
   }
   out.report.matte_coverage = fraction_above(matte, 0.5F);
-  const bool forced = !input.matte.empty() || options.matte == MatteUse::kAlways;
+  const bool forced = !input.matte.empty() || context.options.matte == MatteUse::kAlways;
   if (!forced && !stands_out(matte, out.report.matte_coverage)) return;
-  if (input.matte.empty() && models.matting.chosen()) refine(models, options, matte, out);
+  if (input.matte.empty() && models.matting.chosen()) refine(context, matte, out);
   out.matte = matte;
   out.report.matte_used = true;
 }
@@ -250,12 +202,12 @@ SubjectRim subject_graph(Graph& g, const Shape& map) {
 }
 
 /// Follows the matte, if there is one: disparity and the colours in front change.
-std::optional<SubjectMaps> follow_matte(const SlideOptions& options, SlideLayers& out) {
+std::optional<SubjectMaps> follow_matte(const StageContext& context, SlideLayers& out) {
   out.front_image = out.image;
   if (out.matte.empty()) return std::nullopt;
-  Stage stage("subject", options);
-  (void)subject_graph(stage.graph(), out.matte.shape());
-  stage.run(kNoWeights, {{"I", out.image}, {"D", out.disparity}, {"M", out.matte}});
+  Stage stage("subject", context);
+  stage.run({{"I", out.image}, {"D", out.disparity}, {"M", out.matte}},
+            [&](Graph& g) { (void)subject_graph(g, out.matte.shape()); });
   out.disparity = stage.take("D'");
   out.front_image = stage.take("F");
   out.report.stages.push_back(stage.report());
@@ -269,16 +221,17 @@ void layering_graph(Graph& g, const Shape& map, const Layering& layering, bool m
   output_maps(g, soft_layering(g.input("D", map), layering, followed));
 }
 
-void split_layers(const std::optional<SubjectMaps>& subject, const SlideOptions& options, SlideLayers& out) {
-  Stage stage("layering", options);
-  layering_graph(stage.graph(), out.disparity.shape(), out.report.layering, subject.has_value());
+void split_layers(const std::optional<SubjectMaps>& subject, const StageContext& context, SlideLayers& out) {
   NamedTensors inputs = {{"D", out.disparity}};
   if (subject) {
     inputs["M"] = out.matte;
     inputs["p"] = subject->moves;
     inputs["opaque"] = subject->opaque;
   }
-  stage.run(kNoWeights, inputs);
+  Stage stage("layering", context);
+  stage.run(inputs, [&](Graph& g) {
+    layering_graph(g, out.disparity.shape(), out.report.layering, subject.has_value());
+  });
   out.conditioned = stage.take("D1");
   out.visibility = stage.take("A");
   out.disocclusion = stage.take("S");
@@ -304,8 +257,10 @@ Background background_graph(Graph& g, const Shape& map, std::int64_t margin, con
 }
 
 /// I_bg and D_bg: the photo itself, and in every window what the network makes of it.
-void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModels& models,
-                     const SlideOptions& options, SlideLayers& out) {
+void inpaint_windows(const std::optional<SubjectMaps>& subject, const StageContext& context,
+                     SlideLayers& out) {
+  const SlideModels& models = context.models;
+  const SlideOptions& options = context.options;
   const Shape& shape = out.hole.shape();
   const InpaintReach reach = inpaint_reach(models.inpaint);
   const std::int64_t margin = options.whole_image ? std::max(shape[2], shape[3]) : reach.radius;
@@ -322,8 +277,6 @@ void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModel
   for (const Window& w : out.report.windows) area += static_cast<double>(w.area());
   double done = 0;
   for (const Window& w : out.report.windows) {
-    Stage stage(total.name, options);
-    background_graph(stage.graph(), {1, 1, w.height(), w.width()}, fill_margin(shape), models.inpaint, matte);
     NamedTensors inputs = {{"I", cut(behind, w)},
                            {"D1", cut(out.conditioned, w)},
                            {"S", cut(out.disocclusion, w)},
@@ -332,12 +285,16 @@ void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModel
       inputs["clear"] = cut(subject->clear, w);
       inputs["e"] = cut(subject->agreement, w);
     }
-    stage.run(models.inpaint.chosen() ? *models.inpaint.weights : kNoWeights, inputs, done / area,
-              static_cast<double>(w.area()) / area);
+    const std::int64_t fill = fill_margin(shape);
+    const Shape part{1, 1, w.height(), w.width()};
+    Stage stage(total.name, context, models.inpaint);
+    stage.run(inputs, [&](Graph& g) { background_graph(g, part, fill, models.inpaint, matte); }, fill,
+              {done / area, static_cast<double>(w.area()) / area});
     paste(stage.take("I_bg"), w, out.background_image);
     paste(stage.take("D_bg"), w, out.background_disparity);
     done += static_cast<double>(w.area());
     total.seconds += stage.report().seconds;
+    total.preparing += stage.report().preparing;
     total.gflop += stage.report().gflop;
     total.memory = std::max(total.memory, stage.report().memory);
     total.predicted_error = std::max(total.predicted_error, stage.report().predicted_error);
@@ -354,56 +311,32 @@ void inpaint_windows(const std::optional<SubjectMaps>& subject, const SlideModel
 }  // namespace
 
 SlideLayers make_layers(const SlideInput& input, const SlideModels& models, const SlideOptions& options) {
-  check_input(input);
-  SlideLayers out;
-  out.image = input.image;
-  out.report.layering = resolve(options.layering);
-  find_disparity(input, models, options, out);
-  if (out.report.relief) find_matte(input, models, options, out);
-  const std::optional<SubjectMaps> subject = follow_matte(options, out);
-  split_layers(subject, options, out);
-  if (!out.report.relief)
-    out.report.inpainting = "none: the scene has no relief";
-  else if (out.report.hole_fraction == 0)
-    out.report.inpainting = "none: nothing comes into view";
-  else
-    inpaint_windows(subject, models, options, out);
-  return out;
+  return Pipeline(models, 0).make_layers(input, options);
 }
 
 std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, const SlideModels& models,
                                       const SlideInput& known, const SlideOptions& options) {
   const Shape map{1, 1, height, width};
+  const Shape image = map.with(1, 3);
   std::vector<PlannedStage> stages;
-  if (known.disparity.empty() && models.depth.chosen()) {
-    Stage depth("depth", options);
-    depth.graph().output("D", estimate_disparity(depth.graph().input("image", map.with(1, 3)), models.depth));
-    stages.push_back(std::move(depth).plan(models.depth));
-  }
+  const auto plan = [&](const char* name, const BuildStage& build, const NetworkChoice& network = {}) {
+    stages.push_back(plan_stage(name, options, build, network));
+  };
+  if (known.disparity.empty() && models.depth.chosen())
+    plan("depth", depth_builder(image, models.depth), models.depth);
   if (known.matte.empty() && options.matte != MatteUse::kNever && models.saliency.chosen()) {
-    Stage saliency("saliency", options);
-    saliency.graph().output("M",
-                            estimate_matte(saliency.graph().input("image", map.with(1, 3)), models.saliency));
-    stages.push_back(std::move(saliency).plan(models.saliency));
-    if (models.matting.chosen()) {
-      Stage matting("matting", options);
-      Graph& g = matting.graph();
-      g.output("M", refine_matte(g.input("image", map.with(1, 3)), g.input("saliency", map), models.matting));
-      stages.push_back(std::move(matting).plan(models.matting));
-    }
+    plan("saliency", saliency_builder(image, models.saliency), models.saliency);
+    if (models.matting.chosen()) plan("matting", matting_builder(map, models.matting), models.matting);
   }
   const bool matte = !known.matte.empty() || options.matte != MatteUse::kNever;
-  if (matte) {
-    Stage subject("subject", options);
-    (void)subject_graph(subject.graph(), map);
-    stages.push_back(std::move(subject).plan());
-  }
-  Stage layering("layering", options);
-  layering_graph(layering.graph(), map, resolve(options.layering), matte);
-  stages.push_back(std::move(layering).plan());
-  Stage inpainting("inpainting", options);
-  background_graph(inpainting.graph(), map, fill_margin(map), models.inpaint, matte && fills(models.inpaint));
-  stages.push_back(std::move(inpainting).plan(models.inpaint));
+  if (matte) plan("subject", [&](Graph& g) { (void)subject_graph(g, map); });
+  plan("layering", [&](Graph& g) { layering_graph(g, map, resolve(options.layering), matte); });
+  plan(
+      "inpainting",
+      [&](Graph& g) {
+        background_graph(g, map, fill_margin(map), models.inpaint, matte && fills(models.inpaint));
+      },
+      models.inpaint);
   return stages;
 }
 
@@ -428,6 +361,53 @@ SlideGraph slide_graph(Value image, const SlideModels& models, const Layering& l
   const Background background = inpaint_background(rim ? rim->behind : image, maps.disparity,
                                                    maps.disocclusion, maps.hole, models.inpaint, sources);
   return {d, maps, rim ? rim->front : image, background.image, background.disparity};
+}
+
+Pipeline::Pipeline(const SlideModels& models, std::size_t keep)
+    : models_(models), prepared_(std::make_unique<PreparedStages>(keep)) {}
+Pipeline::~Pipeline() = default;
+Pipeline::Pipeline(Pipeline&&) noexcept = default;
+Pipeline& Pipeline::operator=(Pipeline&&) noexcept = default;
+
+void Pipeline::keep(std::size_t bytes) { prepared_->allow(bytes); }
+std::size_t Pipeline::kept_bytes() const noexcept { return prepared_->kept_bytes(); }
+void Pipeline::release_workspace() noexcept { prepared_->release_workspace(); }
+
+SlideLayers Pipeline::make_layers(const SlideInput& input, const SlideOptions& options) {
+  check_input(input);
+  const StageContext context{models_, options, *prepared_};
+  SlideLayers out;
+  out.image = input.image;
+  out.report.layering = resolve(options.layering);
+  find_disparity(input, context, out);
+  if (out.report.relief) find_matte(input, context, out);
+  const std::optional<SubjectMaps> subject = follow_matte(context, out);
+  split_layers(subject, context, out);
+  if (!out.report.relief)
+    out.report.inpainting = "none: the scene has no relief";
+  else if (out.report.hole_fraction == 0)
+    out.report.inpainting = "none: nothing comes into view";
+  else
+    inpaint_windows(subject, context, out);
+  release_workspace();
+  return out;
+}
+
+Tensor Pipeline::disparity(const Tensor& image, const SlideOptions& options, StageReport* report) {
+  check_input({image, {}, {}});
+  require_depth_network(models_);
+  StageReport took;
+  Tensor result = estimate({models_, options, *prepared_}, image, took);
+  if (report != nullptr) *report = took;
+  return result;
+}
+
+void Pipeline::prepare_disparity(std::int64_t height, std::int64_t width, const SlideOptions& options) {
+  require_depth_network(models_);
+  const Shape image{1, 3, height, width};
+  const StageContext context{models_, options, *prepared_};
+  Stage("depth", context, models_.depth)
+      .prepare({{"image", Tensor::view(DType::kF32, image, nullptr)}}, depth_builder(image, models_.depth));
 }
 
 std::unique_ptr<WeightSource> slide_weights(const SlideModels& models) {

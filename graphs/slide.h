@@ -68,6 +68,8 @@ struct SlideOptions {
 struct StageReport {
   std::string name;            ///< "depth", "saliency", "matting", "subject", "layering", "inpainting"
   double seconds = 0;          ///< planning and weights included
+  double preparing = 0;        ///< of these: graph, plan and weights
+  bool reused = false;         ///< all of it was prepared for an earlier photo (graphs/pipeline.h)
   double gflop = 0;            ///< of the definition, 2 a multiply-accumulate
   std::size_t memory = 0;      ///< bytes of the largest plan
   double predicted_error = 0;  ///< of a network's outputs (Plan); the largest plan's

@@ -27,28 +27,37 @@ FastExecutor::FastExecutor(const Graph& graph, const WeightSource& weights, cons
                               .calibration = calibration_of(weights, options),
                               .weights = &weights,
                               .only_precision = options.only_precision})),
-      keep_all_(options.keep_all) {
+      keep_all_(options.keep_all),
+      workspace_(options.workspace ? options.workspace : std::make_shared<Workspace>()) {
   if (options.memory_limit != 0 && plan_.memory_bytes() > options.memory_limit)
     throw Error(ErrorKind::kOutOfMemory,
                 "the plan needs " + mebibytes(plan_.memory_bytes()) + " (" + mebibytes(plan_.arena_bytes) +
                     " of results, " + mebibytes(plan_.weight_bytes) +
                     " of weights), more than the limit of " + mebibytes(options.memory_limit),
                 "allow more memory or use a smaller size");
-  arena_ = Tensor(DType::kU8, {static_cast<std::int64_t>(plan_.arena_bytes)});
-  constants_ = load_constants(graph, plan_, weights, arena_.mutable_raw());
+  constants_ =
+      load_constants(graph, plan_, weights, {workspace_->reserve(plan_.arena_bytes), plan_.arena_bytes});
   values_ = std::move(constants_.values);
   ranges_.resize(plan_.steps.size());
   if (const Calibration* calibration = calibration_of(weights, options))
     for (std::size_t s = 0; s < plan_.steps.size(); ++s)
       if (const LayerCalibration* layer = calibration->find(graph, plan_.steps[s].node))
         ranges_[s] = layer->range;
+  bind_results();
+}
+
+void FastExecutor::bind_results() {
+  std::byte* const memory = workspace_->reserve(plan_.arena_bytes);
+  if (memory == memory_) return;
+  memory_ = memory;
   for (const PlanStep& step : plan_.steps)
     values_[static_cast<std::size_t>(step.node)] =
-        Tensor::view(DType::kF32, graph_.node(step.node).shape, arena_.mutable_raw().data() + step.offset);
+        Tensor::view(DType::kF32, graph_.node(step.node).shape, memory_ + step.offset);
 }
 
 void FastExecutor::run(const NamedTensors& inputs, const RunOptions& options) {
   const FlushDenormals flush;
+  bind_results();
   for (std::size_t i = 0; i < graph_.nodes().size(); ++i)
     if (graph_.nodes()[i].kind == NodeKind::kInput)
       values_[i] = checked_input(graph_.nodes()[i], inputs).to(DType::kF32);
@@ -79,7 +88,7 @@ void FastExecutor::run_step(std::size_t s, std::span<const Tensor> inputs, std::
                             Tensor& result) {
   const PlanStep& step = plan_.steps[s];
   const Op& op = *graph_.node(step.node).op;
-  const std::span<std::byte> scratch = arena_.mutable_raw().subspan(step.scratch_offset, step.scratch_bytes);
+  const std::span<std::byte> scratch{memory_ + step.scratch_offset, step.scratch_bytes};
   if (step.packed_once)
     return step.kernel->run(op, inputs, result, {shapes, constants_.packed[s], scratch, ranges_[s]});
   const std::span<std::byte> packed = scratch.first(step.packed_bytes);
@@ -92,7 +101,7 @@ Tensor FastExecutor::tensor(int node) const {
   const bool is_output =
       std::any_of(outputs.begin(), outputs.end(), [&](const auto& output) { return output.second == node; });
   if (node < 0 || static_cast<std::size_t>(node) >= values_.size() || (!is_output && !keep_all_) ||
-      values_[static_cast<std::size_t>(node)].empty())
+      values_[static_cast<std::size_t>(node)].empty() || workspace_->data() != memory_)
     throw Error(ErrorKind::kInternal, "the tensor of node " + std::to_string(node) + " was not kept");
   return values_[static_cast<std::size_t>(node)];
 }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstddef>
+#include <memory>
 #include <optional>
 #include <span>
 #include <string>
@@ -12,6 +13,7 @@
 #include "runtime/plan.h"
 #include "runtime/run.h"
 #include "runtime/weights.h"
+#include "runtime/workspace.h"
 
 namespace slide {
 
@@ -24,6 +26,8 @@ struct FastOptions {
   double error_budget = 0;                   ///< as in PlanOptions
   const Calibration* calibration = nullptr;  ///< as in PlanOptions; null: that of the weights
   bool only_precision = false;               ///< as in PlanOptions
+  /// Where results lie; may be shared with other executors, of which one runs at a time. Null: own memory.
+  std::shared_ptr<Workspace> workspace = nullptr;
 };
 
 /// Runs a graph's plan: constants folded once in float64 and packed once, one kernel a node, all results in
@@ -40,24 +44,27 @@ class FastExecutor {
   /// callback says so.
   void run(const NamedTensors& inputs, const RunOptions& options = {});
 
-  /// The F32 tensor of an output of the last run; with keep_all of any tap or node. It lies in the arena and
-  /// is overwritten by the next run. Throws Error(kInternal) if there is no such tensor or its memory was
-  /// used again.
+  /// The F32 tensor of an output of the last run; with keep_all of any tap or node. It lies in the workspace
+  /// and is overwritten by the next run of whoever shares that. Throws Error(kInternal) if there is no such
+  /// tensor or its memory was used again.
   [[nodiscard]] Tensor tensor(std::string_view name) const;
   [[nodiscard]] Tensor tensor(int node) const;
 
   [[nodiscard]] const Plan& plan() const noexcept { return plan_; }
 
  private:
+  /// Results are views of the workspace, which may have been given back or enlarged since the last run.
+  void bind_results();
   void run_step(std::size_t step, std::span<const Tensor> inputs, std::span<const Shape> shapes,
                 Tensor& result);
 
   const Graph& graph_;
   Plan plan_;
   bool keep_all_;
-  Tensor arena_;
+  std::shared_ptr<Workspace> workspace_;
+  std::byte* memory_ = nullptr;               // of the workspace, as the results are bound to it
   PlanConstants constants_;                   // but for its values, which go to values_
-  std::vector<Tensor> values_;                // by node: constants, inputs, results as views of the arena
+  std::vector<Tensor> values_;                // by node: constants, inputs, results as views of the workspace
   std::vector<std::optional<Range>> ranges_;  // by step: of its first input
 };
 

@@ -13,6 +13,7 @@
 #endif
 
 #include "runtime/error.h"
+#include "runtime/thread_scope.h"
 
 namespace slide {
 namespace {
@@ -20,6 +21,7 @@ namespace {
 constexpr std::int64_t kRangesPerPart = 32;  // so that at most such a share of a part is waited for
 
 std::atomic<int> wanted_threads{0};
+thread_local int scoped_threads = 0;  // NOLINT(cppcoreguidelines-avoid-non-const-global-variables)
 
 /// The floating-point control word: MXCSR on x86-64, FPCR on AArch64.
 std::uint64_t float_mode() noexcept {
@@ -56,11 +58,17 @@ constexpr std::uint64_t kFlushBits =
 }  // namespace
 
 int thread_count() noexcept {
-  const int wanted = wanted_threads.load();
+  const int wanted = scoped_threads > 0 ? scoped_threads : wanted_threads.load();
   return wanted > 0 ? wanted : omp_get_max_threads();
 }
 
 void set_thread_count(int count) noexcept { wanted_threads = count; }
+
+ThreadScope::ThreadScope(int count) noexcept : before_(scoped_threads) {
+  if (count > 0) scoped_threads = count;
+}
+
+ThreadScope::~ThreadScope() { scoped_threads = before_; }
 
 WorkRanges::WorkRanges(std::int64_t n, std::int64_t takers) noexcept
     : parts_(std::clamp<std::int64_t>(n, 1, std::min(std::max<std::int64_t>(takers, 1), kMostParts))),

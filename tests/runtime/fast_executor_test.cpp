@@ -62,6 +62,33 @@ TEST_CASE("fast and reference executors agree, and a second run gives the same")
   CHECK_THROWS_AS((void)fast.tensor("doubled"), Error);
 }
 
+TEST_CASE("executors share a workspace, as large as the largest needs, also after it was given back") {
+  Graph small, large;
+  build(small, 2);
+  Value x = large.input("x", {1000});
+  large.output("y", sum(x, x));
+  const auto workspace = std::make_shared<Workspace>();
+  FastExecutor first(small, weights(), {.workspace = workspace});
+  CHECK(workspace->bytes() == first.plan().arena_bytes);
+  const NamedTensors inputs = {{"x", Tensor::from<float>({4}, kX)}};
+  first.run(inputs);
+  const Tensor expected = first.tensor("y").clone();
+  CHECK(expected.data<float>()[0] == 7);  // 4·1 + 3·1
+  FastExecutor second(large, weights(), {.workspace = workspace});
+  CHECK(workspace->bytes() == second.plan().arena_bytes);
+  CHECK(workspace->bytes() > first.plan().arena_bytes);
+  CHECK_THROWS_AS((void)first.tensor("y"), Error);  // lost
+  const std::vector<float> ones(1000, 1);
+  for (int round = 0; round < 3; ++round) {
+    second.run({{"x", Tensor::from<float>({1000}, ones)}});
+    CHECK(second.tensor("y").data<float>()[999] == 2);
+    first.run(inputs);
+    CHECK(max_abs_difference(first.tensor("y"), expected) == 0);
+    if (round == 1) workspace->release();
+  }
+  CHECK(workspace->bytes() == second.plan().arena_bytes);
+}
+
 TEST_CASE("weights that are damaged or not finite are refused by name when they are loaded") {
   Graph g;
   build(g, 1);

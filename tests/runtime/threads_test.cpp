@@ -6,9 +6,11 @@
 #include <atomic>
 #include <limits>
 #include <numeric>
+#include <thread>
 #include <vector>
 
 #include "runtime/error.h"
+#include "runtime/thread_scope.h"
 
 using namespace slide;
 
@@ -101,5 +103,28 @@ TEST_CASE("denormals are flushed on all workers while asked for, and never after
   }
   parallel_for(64, halve);
   for (const float h : halves) CHECK(h > 0.0F);
+  set_thread_count(0);
+}
+
+TEST_CASE("a scope's number of threads holds on its own thread, until it ends") {
+  set_thread_count(3);
+  {
+    const ThreadScope two(2);
+    CHECK(thread_count() == 2);
+    {
+      const ThreadScope one(1);
+      CHECK(thread_count() == 1);
+      const ThreadScope as_before(0);
+      CHECK(thread_count() == 1);
+    }
+    CHECK(thread_count() == 2);
+    int elsewhere = 0;
+    std::thread([&] { elsewhere = thread_count(); }).join();
+    CHECK(elsewhere == 3);
+    std::vector<int> used(64, -1);
+    parallel_for(64, [&](std::int64_t i) { used[static_cast<std::size_t>(i)] = thread_index(); });
+    for (const int thread : used) CHECK((thread == 0 || thread == 1));
+  }
+  CHECK(thread_count() == 3);
   set_thread_count(0);
 }
