@@ -208,7 +208,7 @@ Layers layers_from(const graphs::SlideLayers& made) {
 std::vector<std::string> map_files(const std::string& folder) {
   std::vector<std::string> files = {folder + "/image.png", folder + "/background.png"};
   for (const char* name : {"D", "D1", "A", "S", "S_hat", "H", "matte", "D_bg"})
-    for (const char* extension : {".pfm", ".exr"}) files.push_back(folder + "/" + name + extension);
+    for (const char* extension : {".png", ".pfm", ".exr"}) files.push_back(folder + "/" + name + extension);
   return files;
 }
 
@@ -228,6 +228,7 @@ std::vector<std::string> write_maps(const std::string& folder, const graphs::Sli
   for (const auto& [name, map] : maps) {
     if (map->empty()) continue;
     const Image image = image_from_tensor(*map);
+    write_png(path(std::string(name) + ".png"), image, 16);
     write_pfm(path(std::string(name) + ".pfm"), image);
     if (has_openimageio()) write_exr(path(std::string(name) + ".exr"), image);
   }

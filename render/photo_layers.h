@@ -53,8 +53,8 @@ enum class DepthKind {
 [[nodiscard]] std::vector<std::string> map_files(const std::string& folder);
 
 /// Writes the layers and all maps into a folder, which is made if it is missing: image.png (the front layer's
-/// colours) and background.png with 16 bits, and D, D1, A, S, S_hat, H, matte, D_bg as .pfm (and .exr in
-/// builds with OpenImageIO), those that there are.
+/// colours) and background.png with 16 bits, and D, D1, A, S, S_hat, H, matte, D_bg as .png with 16 bits and
+/// as .pfm (and .exr in builds with OpenImageIO), those that there are.
 /// @return the files written
 std::vector<std::string> write_maps(const std::string& folder, const graphs::SlideLayers& made);
 

@@ -30,8 +30,7 @@ std::string name_of(const std::string& input) {
 /// One photo's way, its parts in the order in which they run.
 class Job {
  public:
-  Job(const std::string& input, const Options& options, const Models& models, const Meter& meter,
-      JobReport& report)
+  Job(const std::string& input, const Options& options, Models& models, const Meter& meter, JobReport& report)
       : input_(input), options_(options), models_(models), meter_(meter), report_(report) {}
 
   void read() {
@@ -69,8 +68,9 @@ class Job {
     return [this, file](int width, int height) { check_header(file, width, height); };
   }
 
-  /// Refuses what needs more memory than allowed, before any work.
-  void check_memory() {
+  /// Refuses what needs more memory than allowed, before any work. What is left may hold prepared networks for
+  /// the photos to come, if there are `many`.
+  void check_memory(bool many) {
     report_.planned_memory = planned_memory(
         static_cast<std::size_t>(report_.photo_width) * static_cast<std::size_t>(report_.photo_height),
         report_.height, report_.width, models_.choices(), tensors_, slide_options());
@@ -80,6 +80,7 @@ class Job {
                       " pixels need " + std::to_string(report_.planned_memory >> 20) + " MiB, more than " +
                       limit_name(),
                   "a smaller --max-side needs less");
+    models_.pipeline().keep(many ? memory_limit() - report_.planned_memory : 0);
   }
 
   void show_plan() const {
@@ -87,7 +88,8 @@ class Job {
   }
 
   void make_layers() {
-    made_ = graphs::make_layers(tensors_, models_.choices(), slide_options());
+    made_ = models_.pipeline().make_layers(tensors_, slide_options());
+    report_.planned_memory += models_.pipeline().kept_bytes();
     report_.slide = made_.report;
     for (const graphs::StageReport& stage : made_.report.stages) report_.stages.push_back(stage);
     layers_ = layers_from(made_);
@@ -265,7 +267,7 @@ class Job {
 
   const std::string& input_;
   const Options& options_;
-  const Models& models_;
+  Models& models_;
   const Meter& meter_;
   JobReport& report_;
   Camera camera_;
@@ -310,8 +312,8 @@ std::array<std::string, 2> mask_files(const std::string& input, const Options& o
   return {stem + ".occlusion.png", stem + ".strokes.png"};
 }
 
-void run_job(const std::string& input, bool many, const Options& options, const Models& models,
-             const Meter& meter, JobReport& report) {
+void run_job(const std::string& input, bool many, const Options& options, Models& models, const Meter& meter,
+             JobReport& report) {
   report.input = input;
   const std::vector<std::string> outputs = output_names(input, many, options);
   Job job(input, options, models, meter, report);
@@ -320,7 +322,7 @@ void run_job(const std::string& input, bool many, const Options& options, const 
     job.show_plan();
     return;
   }
-  job.check_memory();
+  job.check_memory(many);
   job.make_layers();
   job.write_side_outputs();
   for (const std::string& output : outputs) job.write(output);

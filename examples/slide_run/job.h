@@ -45,8 +45,8 @@ using Meter = std::function<void(const std::string& stage, double part)>;
 /// Makes everything that the options ask for of one photo. `many`: other photos come after it, so outputs
 /// need "{}".
 /// @throws Error of any kind; what was finished before it stays in `report`
-void run_job(const std::string& input, bool many, const Options& options, const Models& models,
-             const Meter& meter, JobReport& report);
+void run_job(const std::string& input, bool many, const Options& options, Models& models, const Meter& meter,
+             JobReport& report);
 
 /// Where --dump-masks writes the occlusion mask and the strokes of one photo.
 [[nodiscard]] std::array<std::string, 2> mask_files(const std::string& input, const Options& options);

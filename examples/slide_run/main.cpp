@@ -16,7 +16,7 @@ namespace {
 
 /// Runs every photo; one that fails does not stop the others. @return the exit code
 int run_all(const Options& o, const std::vector<std::string>& photos) {
-  const Models models(o);
+  Models models(o);
   ProgressDisplay progress(o.quiet || o.json);
   const Meter meter = [&](const std::string& stage, double part) { progress.show(stage, part); };
   std::vector<JobReport> reports(photos.size());

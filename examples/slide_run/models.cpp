@@ -4,18 +4,26 @@
 
 namespace slide::run {
 
-Models::Models(const Options& o) {
+namespace {
+
+graphs::SlideModels open(const Options& o, NetworkFiles& files) {
+  graphs::SlideModels models;
   if (o.depth.empty() || o.depth == kDepthAuto) {
-    choices_.depth = files_.open(o.depth_weights, o.depth_model, "slide_depth", "depth");
-    choices_.depth.side = o.depth_size;
-    if (choices_.depth.chosen()) (void)graphs::depth_side(choices_.depth);  // before any photo
+    models.depth = files.open(o.depth_weights, o.depth_model, "slide_depth", "depth");
+    models.depth.side = o.depth_size;
+    if (models.depth.chosen()) (void)graphs::depth_side(models.depth);  // before any photo
   }
   if (o.inpaint_model != kFillAlone)
-    choices_.inpaint = files_.open(o.inpaint_weights, o.inpaint_model, "slide_inpaint", "inpaint");
+    models.inpaint = files.open(o.inpaint_weights, o.inpaint_model, "slide_inpaint", "inpaint");
   if (o.matte == "auto") {
-    choices_.saliency = files_.open(o.saliency_weights, o.saliency_model, "slide_matte", "saliency");
-    choices_.matting = files_.open(o.matting_weights, o.matting_model, "fba", "matting");
+    models.saliency = files.open(o.saliency_weights, o.saliency_model, "slide_matte", "saliency");
+    models.matting = files.open(o.matting_weights, o.matting_model, "fba", "matting");
   }
+  return models;
 }
+
+}  // namespace
+
+Models::Models(const Options& o) : pipeline_(open(o, files_), 0) {}
 
 }  // namespace slide::run

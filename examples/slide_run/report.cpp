@@ -25,6 +25,12 @@ std::string file_size(const std::string& path) {
   return failure ? "" : text.data();
 }
 
+/// What a network cost before its first layer.
+std::string preparation(const graphs::StageReport& stage) {
+  if (stage.reused) return "prepared for an earlier photo";
+  return "prepared in " + std::to_string(std::lround(1e3 * stage.preparing)) + " ms";
+}
+
 void explain(const JobReport& r) {
   const graphs::SlideReport& s = r.slide;
   const graphs::Layering& l = s.layering;
@@ -59,8 +65,9 @@ void explain(const JobReport& r) {
                  r.full_mesh_triangles);
   for (const graphs::StageReport& stage : r.stages)
     if (stage.gflop > 0)
-      std::fprintf(stderr, "  %-11s predicted error %.2g; %d layers in bf16, %d in int8\n",
-                   stage.name.c_str(), stage.predicted_error, stage.bf16_layers, stage.int8_layers);
+      std::fprintf(stderr, "  %-11s predicted error %.2g; %d layers in bf16, %d in int8; %s\n",
+                   stage.name.c_str(), stage.predicted_error, stage.bf16_layers, stage.int8_layers,
+                   preparation(stage).c_str());
   std::fprintf(stderr, "  memory      %.0f MiB planned at most, %.0f MiB used at most\n",
                mebibytes(r.planned_memory), mebibytes(peak_memory()));
 }
@@ -70,6 +77,8 @@ nlohmann::json to_json(const JobReport& r) {
   for (const graphs::StageReport& s : r.stages)
     stages.push_back({{"name", s.name},
                       {"seconds", s.seconds},
+                      {"preparing_seconds", s.preparing},
+                      {"reused", s.reused},
                       {"gflop", s.gflop},
                       {"memory_bytes", s.memory},
                       {"predicted_error", s.predicted_error},

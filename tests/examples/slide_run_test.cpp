@@ -91,6 +91,10 @@ TEST_CASE(
   // hole.
   const Image d1 = read_map(folder.file("layers/D1.pfm"));
   const Image d_bg = read_map(folder.file("layers/D_bg.pfm"));
+  const Image rounded = read_map(folder.file("layers/D_bg.png"));
+  REQUIRE(rounded.data.size() == d_bg.data.size());
+  for (std::size_t i = 0; i < d_bg.data.size(); ++i)
+    REQUIRE(std::abs(rounded.data[i] - d_bg.data[i]) <= 0.51 / 65535);
   for (std::size_t i = 0; i < d1.data.size(); ++i) REQUIRE(d_bg.data[i] <= d1.data[i]);
 }
 
@@ -215,6 +219,40 @@ TEST_CASE("the same bytes come out at one and at three threads") {
     CHECK_MESSAGE(bytes_of_file(folder.file(std::string("t1") + extension)) ==
                       bytes_of_file(folder.file(std::string("t3") + extension)),
                   extension);
+}
+
+TEST_CASE(
+    "a folder's second photo uses the networks prepared for the first, and comes out as it does alone") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  fs::create_directory(folder.file("photos"));
+  fs::copy_file(scene.photo, folder.file("photos/a.png"));
+  fs::copy_file(scene.photo, folder.file("photos/b.png"));
+  const auto run = [&](const std::string& input, const std::string& output) {
+    const ProgramResult result = slide_run({input, "-o", folder.file(output), "--json"});
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    return nlohmann::json::parse(result.output);
+  };
+  const nlohmann::json report = run(folder.file("photos"), "{}.glb");
+  const auto depth_of = [&](std::size_t photo) {
+    for (const auto& stage : report["photos"][photo]["stages"])
+      if (stage["name"] == "depth") return stage;
+    return nlohmann::json();
+  };
+  CHECK(depth_of(0)["reused"] == false);
+  CHECK(depth_of(0)["preparing_seconds"].get<double>() > 0);
+  CHECK(depth_of(1)["reused"] == true);
+  CHECK(depth_of(1)["preparing_seconds"] == 0);
+  CHECK(depth_of(1)["memory_bytes"] == depth_of(0)["memory_bytes"]);
+  const nlohmann::json alone = run(folder.file("photos/b.png"), "alone.glb");
+  CHECK(bytes_of_file(folder.file("b.glb")) == bytes_of_file(folder.file("alone.glb")));
+  // What is kept counts: the folder's photos are planned with more than the one alone.
+  CHECK(report["photos"][1]["planned_memory_bytes"].get<double>() >
+        alone["photos"][0]["planned_memory_bytes"].get<double>());
+#if SLIDE_PLAIN_MEMORY  // no sanitizer's shadow memory, no emulator
+  CHECK(report["peak_memory_bytes"].get<double>() <=
+        report["photos"][1]["planned_memory_bytes"].get<double>());
+#endif
 }
 
 TEST_CASE("one bad file does not stop the others, and the exit code says that some failed") {
