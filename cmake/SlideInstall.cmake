@@ -1,5 +1,5 @@
 # cmake --install: programs with manual page and completion (component "programs"); libraries, headers, CMake package
-# and pkg-config file (component "development").
+# and pkg-config file (component "development"); libslide.so (component "library").
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 
@@ -29,6 +29,12 @@ foreach(library ${libraries})
   string(APPEND SLIDE_PC_PRIVATE "-l$<TARGET_FILE_BASE_NAME:${library}> ")
 endforeach()
 install(TARGETS slide ${libraries} EXPORT slideTargets ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT development)
+if(SLIDE_SHARED)
+  target_include_directories(slide_shared INTERFACE $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+  set_target_properties(slide_shared PROPERTIES EXPORT_NAME shared)
+  install(TARGETS slide_shared EXPORT slideTargets
+    LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT library NAMELINK_COMPONENT development)
+endif()
 install(FILES examples/c_api/slide.h examples/c_api/slide_operator.h DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development)
 # Left out: what only the libraries' own sources include.
 install(DIRECTORY runtime ops graphs render DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/slide COMPONENT development
@@ -60,7 +66,8 @@ configure_file(cmake/slide.pc.in ${CMAKE_BINARY_DIR}/package/slide.pc.in @ONLY)
 file(GENERATE OUTPUT ${CMAKE_BINARY_DIR}/package/slide.pc INPUT ${CMAKE_BINARY_DIR}/package/slide.pc.in)
 install(FILES ${CMAKE_BINARY_DIR}/package/slide.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig COMPONENT development)
 
-# cpack -G DEB in the build folder: slide_VERSION_ARCH.deb with the programs, slide-dev with the libraries.
+# cpack -G DEB in the build folder: slide_VERSION_ARCH.deb with the programs, slide-dev with the libraries,
+# libslide0.2 with the shared one.
 set(CPACK_PACKAGE_NAME slide)
 set(CPACK_PACKAGE_CONTACT "The SLIDE project")
 set(CPACK_PACKAGE_DESCRIPTION_SUMMARY "Turns single photographs into 3D photos, on a CPU")
@@ -73,6 +80,8 @@ set(CPACK_DEBIAN_PROGRAMS_PACKAGE_NAME slide)
 set(CPACK_DEBIAN_PROGRAMS_PACKAGE_SECTION graphics)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_NAME slide-dev)
 set(CPACK_DEBIAN_DEVELOPMENT_PACKAGE_SECTION libdevel)
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_NAME libslide${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR})
+set(CPACK_DEBIAN_LIBRARY_PACKAGE_SECTION libs)
 set(CPACK_PACKAGING_INSTALL_PREFIX /usr)
 set(CPACK_STRIP_FILES ON)
 include(CPack)

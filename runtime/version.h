@@ -4,7 +4,7 @@
 
 namespace slide {
 
-/// "0.1.0"
+/// "0.2.0"
 [[nodiscard]] std::string_view version() noexcept;
 
 /// Compiler, target and options this build was made with: "GCC 12.2.0, x86_64, static, without OpenImageIO".

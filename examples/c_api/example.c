@@ -1,9 +1,10 @@
 /* A photo becomes a page and one view of it, through the C API.
- *   c_example photo.jpg page.html view.ppm */
+ *   c_example photo.jpg page.html view.ppm
+ * With an installed SLIDE:
+ *   cc example.c $(pkg-config --cflags slide) $(pkg-config --static --libs slide) -o c_example */
+#include <slide/slide.h>
 #include <stdio.h>
 #include <stdlib.h>
-
-#include "examples/c_api/slide.h"
 
 static int report(void* user, const char* stage, double part) {
   (void)user;
@@ -17,15 +18,31 @@ static int failed(const char* what, slide_status status) {
 }
 
 /* Writes an image as a binary PPM. */
-static int write_ppm(const char* path, const float* rgb, int width, int height) {
+static int write_ppm(const char* path, const unsigned char* rgb, int width, int height) {
   FILE* file = fopen(path, "wb");
   if (file == NULL) return 0;
+  const size_t size = 3 * (size_t)width * (size_t)height;
   fprintf(file, "P6\n%d %d\n255\n", width, height);
-  for (size_t i = 0; i < 3 * (size_t)width * (size_t)height; ++i) {
-    const float v = rgb[i] < 0 ? 0 : rgb[i] > 1 ? 1 : rgb[i];
-    fputc((int)(255 * v + 0.5F), file);
+  const int written = fwrite(rgb, 1, size, file) == size;
+  return fclose(file) == 0 && written;
+}
+
+/* Draws the photo from a little to the right. */
+static slide_status draw(slide_photo* photo, const char* path) {
+  int width = 0;
+  int height = 0;
+  slide_photo_size(photo, &width, &height);
+  unsigned char* rgb = malloc(3 * (size_t)width * (size_t)height);
+  if (rgb == NULL) return SLIDE_OUT_OF_MEMORY;
+  const slide_buffer view = {rgb, width, height, 3, SLIDE_UINT8, 0};
+  const slide_view right = slide_view_at(0.03, 0, 0);
+  slide_status status = slide_render(photo, &right, &view);
+  if (status == SLIDE_OK && !write_ppm(path, rgb, width, height)) {
+    fprintf(stderr, "c_example: %s cannot be written\n", path);
+    status = SLIDE_OUTPUT;
   }
-  return fclose(file) == 0;
+  free(rgb);
+  return status;
 }
 
 int main(int argc, char** argv) {
@@ -34,32 +51,27 @@ int main(int argc, char** argv) {
     return SLIDE_USAGE;
   }
   slide_settings settings;
-  slide_settings_init(&settings);
-  settings.parallax_percent = 5;
+  slide_settings_init(&settings, sizeof settings);
   settings.progress = report;
+  slide_model* model = NULL;
+  slide_status status = slide_model_create(&settings, &model);
+  if (status != SLIDE_OK) return failed("the networks", status);
 
+  slide_scene scene;
+  slide_scene_init(&scene, sizeof scene);
+  scene.parallax_percent = 5;
   slide_photo* photo = NULL;
-  slide_status status = slide_open(argv[1], &settings, &photo);
-  if (status != SLIDE_OK) return failed(argv[1], status);
-
-  status = slide_export(photo, argv[2]);
-  if (status != SLIDE_OK) {
-    slide_free(photo);
-    return failed(argv[2], status);
+  status = slide_open(model, argv[1], &scene, &photo);
+  if (status != SLIDE_OK) failed(argv[1], status);
+  if (status == SLIDE_OK) {
+    status = slide_export(photo, argv[2], NULL);
+    if (status != SLIDE_OK) failed(argv[2], status);
   }
-
-  int width = 0;
-  int height = 0;
-  slide_size(photo, &width, &height);
-  float* rgb = malloc(3 * sizeof(float) * (size_t)width * (size_t)height);
-  status = rgb == NULL ? SLIDE_OUT_OF_MEMORY : slide_render(photo, 0.03, 0, 0, 0, 0, rgb);
-  if (status == SLIDE_OK && !write_ppm(argv[3], rgb, width, height)) {
-    fprintf(stderr, "c_example: %s cannot be written\n", argv[3]);
-    status = SLIDE_USAGE;
-  } else if (status != SLIDE_OK) {
-    failed("drawing", status);
+  if (status == SLIDE_OK) {
+    status = draw(photo, argv[3]);
+    if (status != SLIDE_OK) failed("drawing", status);
   }
-  free(rgb);
-  slide_free(photo);
+  slide_photo_free(photo);
+  slide_model_free(model);
   return (int)status;
 }

@@ -33,6 +33,17 @@ fi
 [ -s "$work/page.html" ] || fail "the example in C wrote no page"
 "$work/user/use_cpp"
 
+# The shared library, where it was built: its soname, nothing but the C API in sight, and a program in C.
+shared=$(find "$prefix" -name libslide.so)
+if [ -n "$shared" ]; then
+  readelf -d "$shared" | grep -q 'SONAME.*\[libslide.so.0.2\]' || fail "libslide.so has another soname"
+  if nm -D --defined-only "$shared" | grep -vE ' (T slide_[a-z_]+@@SLIDE_0\.2|A SLIDE_0\.2)$'; then
+    fail "libslide.so shows more than its C API"
+  fi
+  "$work/user/use_shared" "$work/shared.html"
+  cmp "$work/page.html" "$work/shared.html" || fail "the shared library wrote another page"
+fi
+
 if command -v dpkg-deb >/dev/null && command -v dpkg-shlibdeps >/dev/null; then
   (cd "$work" && "$(dirname "$cmake")/cpack" -G DEB --config "$build/CPackConfig.cmake" -B "$work/deb" >/dev/null) ||
     fail "cpack made no package"
@@ -51,3 +62,17 @@ link=""
 "$cc" $(pkg-config --cflags slide) "$source/use.c" -o "$work/use_pkg_config" $link $(pkg-config --static --libs slide)
 "$work/use_pkg_config" "$work/pkg_config.html"
 cmp "$work/page.html" "$work/pkg_config.html" || fail "the same program wrote another page"
+
+# The examples, as they say that they are compiled.
+for example in example camera_stream; do
+  # shellcheck disable=SC2046,SC2086  # lists of words
+  "$cc" "$source/../../examples/c_api/$example.c" $(pkg-config --cflags slide) $link $(pkg-config --static --libs slide) \
+    -o "$work/c_$example"
+done
+"$work/c_camera_stream" 2 32 24 | grep -q 'frame  1:.*prepared before' || fail "the second frame was prepared anew"
+if [ -n "$shared" ]; then
+  # shellcheck disable=SC2046  # a list of words
+  "$cc" "$source/use.c" $(pkg-config --cflags --libs slide) -Wl,-rpath,"$(dirname "$shared")" -o "$work/use_shared"
+  "$work/use_shared" "$work/pkg_config_shared.html"
+  readelf -d "$work/use_shared" | grep -q 'NEEDED.*libslide.so.0.2' || fail "pkg-config --libs does not take libslide.so"
+fi

@@ -10,14 +10,19 @@ int main(int argc, char** argv) {
     disparity[i] = (float)(i % kWidth) / kWidth;
     rgb[3 * i] = rgb[3 * i + 1] = rgb[3 * i + 2] = 0.5F;
   }
-  slide_settings settings;
-  slide_settings_init(&settings);
+  const slide_image image = {rgb, kWidth, kHeight, 3, SLIDE_FLOAT32, 0};
+  const slide_image map = {disparity, kWidth, kHeight, 1, SLIDE_FLOAT32, 0};
+  const slide_buffer buffer = {view, kWidth, kHeight, 3, SLIDE_FLOAT32, 0};
+  const slide_view straight = slide_view_at(0, 0, 0);
+  slide_model* model = NULL;
   slide_photo* photo = NULL;
-  slide_status status = slide_create(rgb, disparity, kWidth, kHeight, &settings, &photo);
-  if (status == SLIDE_OK) status = slide_render(photo, 0, 0, 0, 0, 0, view);
-  if (status == SLIDE_OK && argc == 2) status = slide_export(photo, argv[1]);
+  slide_status status = slide_model_create(NULL, &model);
+  if (status == SLIDE_OK) status = slide_make(model, &image, &map, NULL, NULL, &photo);
+  if (status == SLIDE_OK) status = slide_render(photo, &straight, &buffer);
+  if (status == SLIDE_OK && argc == 2) status = slide_export(photo, argv[1], NULL);
   if (status != SLIDE_OK) fprintf(stderr, "use_c: %s\n", slide_last_error());
-  slide_free(photo);
+  slide_photo_free(photo);
+  slide_model_free(model);
   if (status != SLIDE_OK) return (int)status;
   const float middle = view[3 * (kHeight / 2 * kWidth + kWidth / 2)];
   if (middle < 0.49F || middle > 0.51F) return 1;
