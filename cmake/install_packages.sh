@@ -9,7 +9,7 @@ build="g++ cmake ninja-build libopenimageio-dev libopenexr-dev libjpeg62-turbo-d
   libglm-dev nlohmann-json3-dev libcli11-dev"
 test="doctest-dev"
 ci="ccache clang-14 libomp-14-dev libclang-rt-14-dev clang-format-14 clang-tidy-14 libbenchmark-dev nodejs npm chromium
-  ffmpeg groff-base parallel rsync pkg-config qemu-user-static g++-aarch64-linux-gnu libjpeg62-turbo-dev:arm64 libpng-dev:arm64
+  ffmpeg groff-base parallel python3-numpy rsync pkg-config qemu-user-static g++-aarch64-linux-gnu libjpeg62-turbo-dev:arm64 libpng-dev:arm64
   zlib1g-dev:arm64"
 
 if ! command -v apt-get >/dev/null 2>&1 || ! command -v dpkg-query >/dev/null 2>&1; then
