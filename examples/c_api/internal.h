@@ -38,7 +38,8 @@ struct slide_photo {
   slide::Tensor disparity, hole, matte;  ///< 1×1×H×W; the matte may be empty
   slide::Camera camera;
   std::vector<slide::View> views;
-  double parallax_percent = 0;  ///< of a page's camera
+  std::vector<slide::View> shown;  ///< the same, zoomed so that the photo's edge does not show
+  double parallax_percent = 0;     ///< of a page's camera
   double focus = 0;
   std::string source;  ///< the file it comes from, which is never replaced
   int threads = 0;

@@ -120,6 +120,7 @@ std::unique_ptr<slide_photo> make(slide_model& model, const slide::Image& colour
   const double fov = s.fov_degrees != 0 ? s.fov_degrees : given.fov.value_or(slide::kDefaultFov);
   photo->camera = slide::make_camera(reduced.width, reduced.height, fov, s.near_depth, s.far_depth);
   photo->views = views_of(s, photo->camera);
+  photo->shown = slide::without_edges(photo->camera, photo->views);
   slide::graphs::SlideOptions options = model.options;
   options.layering.parallax = slide::largest_parallax(photo->camera, photo->views);
   options.matte = s.find_subject != 0 ? slide::graphs::MatteUse::kAuto : slide::graphs::MatteUse::kNever;
@@ -232,8 +233,8 @@ size_t slide_photo_view_count(const slide_photo* photo) { return photo == nullpt
 slide_status slide_photo_view(const slide_photo* photo, size_t index, slide_view* view) {
   return guarded([&] {
     require(photo != nullptr && view != nullptr, "photo or view is NULL");
-    require(index < photo->views.size(), "there is no view of that index");
-    *view = to_c(slide::without_edges(photo->camera, photo->views)[index]);
+    require(index < photo->shown.size(), "there is no view of that index");
+    *view = to_c(photo->shown[index]);
   });
 }
 
