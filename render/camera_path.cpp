@@ -98,4 +98,21 @@ std::vector<View> make_path(const Camera& camera, const PathOptions& options) {
   return views;
 }
 
+std::vector<Eyes> eyes_of(const Camera& camera, const std::vector<View>& views, double parallax_percent,
+                          double focus) {
+  // Of a swing in four frames the second is at its right end.
+  const View right = make_path(
+      camera,
+      {.kind = PathKind::kSwing, .parallax_percent = parallax_percent, .focus = focus, .frames = 4})[1];
+  const auto moved = [&](View view, double side) {
+    view.pose.translation += side * right.pose.translation;
+    view.shift += side * view.zoom * right.shift;
+    return view;
+  };
+  std::vector<Eyes> eyes;
+  eyes.reserve(views.size());
+  for (const View& view : views) eyes.push_back({moved(view, -1), moved(view, 1)});
+  return eyes;
+}
+
 }  // namespace slide

@@ -35,6 +35,17 @@ struct PathOptions {
 /// the parallax
 [[nodiscard]] std::vector<View> make_path(const Camera& camera, const PathOptions& options);
 
+/// Where the two eyes of somebody who looks along a view are.
+struct Eyes {
+  View left, right;
+};
+
+/// The eyes of each view: the two ends of a swing of `parallax_percent` about it, along its own x axis. The
+/// disparity `focus`, as far as it stands still in the views, does so in both eyes.
+/// @throws Error(kUsage) for a parallax or focus out of range
+[[nodiscard]] std::vector<Eyes> eyes_of(const Camera& camera, const std::vector<View>& views,
+                                        double parallax_percent, double focus);
+
 /// The largest parallax P of a set of views: the most that a pixel of disparity 1 moves against one of
 /// disparity 0 at the same place, between the photo and any of the views, over all places between the photo's
 /// outermost pixel centres, in pixels of the photo. It is an upper bound that exceeds the true maximum by at

@@ -121,20 +121,38 @@ DrawnMeshes export_file(const std::string& path, const Layers& layers, const Cam
   return export_frames(path, layers, camera, gif_views(views), small);
 }
 
+bool is_still_output(const std::string& path) {
+  const std::string extension = lower_extension(path);
+  return extension == ".png" || extension == ".jpg" || extension == ".jpeg";
+}
+
 DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,
-                          const Camera& camera, const ExportOptions& options) {
-  // Of a swing in four frames the second is at one end and the fourth at the other.
-  const std::vector<View> swing = make_path(camera, {.kind = PathKind::kSwing,
-                                                     .parallax_percent = options.parallax_percent,
-                                                     .focus = options.focus,
-                                                     .frames = 4});
-  const std::vector<View> shown = framed(camera, swing, options);
-  ViewRenderer renderer = make_renderer(layers, camera, shown, options.mesh_tolerance);
+                          const Camera& camera, const std::vector<Eyes>& eyes, const ExportOptions& options) {
+  std::vector<View> views;
+  for (const Eyes& pair : eyes) views.insert(views.end(), {pair.left, pair.right});
+  views = framed(camera, views, options);
+  ViewRenderer renderer = make_renderer(layers, camera, views, options.mesh_tolerance);
+  const RenderOptions size = render_options(options, camera);
   Image left;
   Image right;
-  renderer.render(shown[3], render_options(options, camera), left);
-  renderer.render(shown[1], render_options(options, camera), right);
-  write_image(path, stereo_picture(kind, left, right));
+  const auto picture = [&](std::size_t i) {
+    renderer.render(views[2 * i], size, left);
+    renderer.render(views[2 * i + 1], size, right);
+    return stereo_picture(kind, left, right);
+  };
+  if (is_still_output(path)) {
+    write_image(path, picture(0));
+    return meshes_of(renderer, layers, camera);
+  }
+  const std::unique_ptr<FrameSink> sink = make_frame_sink(path);
+  for (std::size_t i = 0; i < eyes.size(); ++i) {
+    if (options.progress) options.progress(static_cast<double>(i) / static_cast<double>(eyes.size()));
+    const Image frame = picture(i);
+    if (i == 0)
+      sink->begin({frame.width, frame.height, options.fps.value_or(kFps), static_cast<int>(eyes.size())});
+    sink->frame(frame);
+  }
+  sink->finish();
   return meshes_of(renderer, layers, camera);
 }
 

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "render/camera.h"
+#include "render/camera_path.h"
 #include "render/gltf.h"
 #include "render/layers.h"
 #include "render/stereo.h"
@@ -50,8 +51,12 @@ void require_export_output(const std::string& path);
 DrawnMeshes export_file(const std::string& path, const Layers& layers, const Camera& camera,
                         const std::vector<View>& views, const ExportOptions& options);
 
-/// Makes a still picture for two eyes, the two ends of a swing of `parallax_percent`, as .png or .jpg.
+/// Whether export_stereo() makes a still under that name: .png, .jpg, .jpeg.
+[[nodiscard]] bool is_still_output(const std::string& path);
+
+/// Makes pictures for two eyes: a still of the first pair, or one frame of a video or animation for each, in
+/// any form but .png that make_frame_sink() knows.
 DrawnMeshes export_stereo(const std::string& path, StereoKind kind, const Layers& layers,
-                          const Camera& camera, const ExportOptions& options);
+                          const Camera& camera, const std::vector<Eyes>& eyes, const ExportOptions& options);
 
 }  // namespace slide

@@ -164,6 +164,12 @@ bool runs_network(const Options& o) {
   return !depth_is_file(o) || o.matte == "auto" || o.inpaint_model != kFillAlone;
 }
 
+/// Whether the camera moves in any output: in all but stills for two eyes.
+bool moves(const Options& o) {
+  return o.stereo.empty() || std::any_of(o.outputs.begin(), o.outputs.end(),
+                                         [](const std::string& output) { return !is_still_output(output); });
+}
+
 /// Refuses options that would do nothing, which is never what was meant. Those that depend on another option
 /// alone are refused by the parser.
 void check_idle(const CLI::App& app, const Options& o) {
@@ -182,6 +188,8 @@ void check_idle(const CLI::App& app, const Options& o) {
   if (o.inpaint_model == kFillAlone) refuse("--inpaint-weights", "--inpaint-model fill has none");
   if (!makes_page(o))
     for (const char* option : {"--title", "--alt"}) refuse(option, "no output is a page (.html)");
+  if (!moves(o))
+    for (const char* option : {"--path", "--frames", "--fps"}) refuse(option, "a stereo still does not move");
   if (!draws(o))
     for (const char* option : {"--fps", "--size", "--keep-edges", "--supersample", "--mesh-tolerance"})
       refuse(option, "no output is made of frames");

@@ -10,6 +10,7 @@
 #include "render/camera_path.h"
 #include "render/edge_zoom.h"
 #include "render/export.h"
+#include "render/frame_sink.h"
 #include "render/photo_layers.h"
 #include "render/training_masks.h"
 #include "render/write_image.h"
@@ -30,8 +31,14 @@ std::string name_of(const std::string& input) {
 /// One photo's way, its parts in the order in which they run.
 class Job {
  public:
-  Job(const std::string& input, const Options& options, Models& models, const Meter& meter, JobReport& report)
-      : input_(input), options_(options), models_(models), meter_(meter), report_(report) {}
+  Job(const std::string& input, const std::vector<std::string>& outputs, const Options& options,
+      Models& models, const Meter& meter, JobReport& report)
+      : input_(input),
+        outputs_(outputs),
+        options_(options),
+        models_(models),
+        meter_(meter),
+        report_(report) {}
 
   void read() {
     const Timer timer(*this, "reading");
@@ -105,10 +112,10 @@ class Job {
 
   void write(const std::string& output) {
     const Timer timer(*this, "writing " + output);
-    const DrawnMeshes meshes =
-        options_.stereo.empty()
-            ? export_file(output, layers_, camera_, views_, export_options(output))
-            : export_stereo(output, stereo_kind(options_.stereo), layers_, camera_, export_options(output));
+    const DrawnMeshes meshes = options_.stereo.empty()
+                                   ? export_file(output, layers_, camera_, views_, export_options(output))
+                                   : export_stereo(output, stereo_kind(options_.stereo), layers_, camera_,
+                                                   eyes(output), export_options(output));
     if (meshes.triangles > 0) {
       report_.triangles = meshes.triangles;
       report_.full_mesh_triangles = meshes.full_triangles;
@@ -166,9 +173,10 @@ class Job {
     report_.fov = std::clamp(report_.fov, 1.0, 170.0);
     camera_ =
         make_camera(report_.width, report_.height, report_.fov, options_.near_depth, options_.far_depth);
-    views_ = lower_extension(options_.path) == ".json"
-                 ? read_pose_file(options_.path)
-                 : make_path(camera_, path_options(path_kind(options_.path)));
+    path_ = lower_extension(options_.path) == ".json"
+                ? read_pose_file(options_.path)
+                : make_path(camera_, path_options(path_kind(options_.path)));
+    views_ = options_.stereo.empty() ? path_ : all_eyes();
     report_.parallax = largest_parallax(camera_, views_);
     report_.edge_zoom = options_.keep_edges ? 1 : edge_zoom(camera_, views_);
     check_coverage();
@@ -213,9 +221,23 @@ class Job {
                   "a smaller --parallax, a --focus nearer to 0.5 or a smaller --fov keeps it in view");
   }
 
+  /// The eyes that look at an output: of a still those of the photo's own camera, of a video those of each of
+  /// the path's places, path and eyes with half of the parallax each.
+  [[nodiscard]] std::vector<Eyes> eyes(const std::string& output) const {
+    return is_still_output(output) ? eyes_of(camera_, {View()}, options_.parallax, options_.focus)
+                                   : eyes_of(camera_, path_, options_.parallax / 2, options_.focus);
+  }
+  /// Every view of the outputs.
+  [[nodiscard]] std::vector<View> all_eyes() const {
+    std::vector<View> views;
+    for (const std::string& output : outputs_)
+      for (const Eyes& pair : eyes(output)) views.insert(views.end(), {pair.left, pair.right});
+    return views;
+  }
+
   [[nodiscard]] PathOptions path_options(PathKind kind) const {
     return {.kind = kind,
-            .parallax_percent = options_.parallax,
+            .parallax_percent = options_.stereo.empty() ? options_.parallax : options_.parallax / 2,
             .focus = options_.focus,
             .frames = options_.frames};
   }
@@ -266,12 +288,14 @@ class Job {
   }
 
   const std::string& input_;
+  const std::vector<std::string>& outputs_;
   const Options& options_;
   Models& models_;
   const Meter& meter_;
   JobReport& report_;
   Camera camera_;
-  std::vector<View> views_;
+  std::vector<View> path_;   ///< of the camera, between two eyes
+  std::vector<View> views_;  ///< what is drawn: the path, or both eyes of all outputs
   graphs::SlideInput tensors_;
   graphs::SlideLayers made_;
   Layers layers_;
@@ -279,10 +303,9 @@ class Job {
 
 void require_known(const std::string& output, const Options& options) {
   if (options.stereo.empty()) return require_export_output(output);
-  const std::string extension = lower_extension(output);
-  if (extension != ".png" && extension != ".jpg" && extension != ".jpeg")
-    throw Error(ErrorKind::kUsage, "--stereo makes a still picture, " + output + " is none",
-                "name it .png or .jpg");
+  if (!is_still_output(output) && !is_frame_output(output))
+    throw Error(ErrorKind::kUsage, "--stereo makes a picture or a video, " + output + " is none",
+                "name it .png, .jpg, .mp4, .webm, .gif or .y4m");
 }
 
 }  // namespace
@@ -316,7 +339,7 @@ void run_job(const std::string& input, bool many, const Options& options, Models
              JobReport& report) {
   report.input = input;
   const std::vector<std::string> outputs = output_names(input, many, options);
-  Job job(input, options, models, meter, report);
+  Job job(input, outputs, options, models, meter, report);
   job.read();
   if (options.plan) {
     job.show_plan();

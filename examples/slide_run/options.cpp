@@ -107,8 +107,10 @@ void declare_output(CLI::App& app, Options& o) {
       ->type_name("FILE");
   app.add_option(
          "--stereo", o.stereo,
-         "Make -o a still for two eyes: sbs (side by side), cross (the same for eyes that cross), tb (left "
-         "above right), half-sbs or half-tb (squeezed, for television sets) or anaglyph (red-cyan)")
+         "Make -o a still (.png, .jpg) or a video for two eyes: sbs (side by side), cross (the same for eyes "
+         "that cross), tb (left above right), half-sbs or half-tb (squeezed, for television sets) or "
+         "anaglyph "
+         "(red-cyan). In a video path and eyes have half of --parallax each")
       ->group(group)
       ->check(CLI::IsMember({"sbs", "half-sbs", "cross", "tb", "half-tb", "anaglyph"}));
   app.add_option(
@@ -254,8 +256,6 @@ void declare_help(CLI::App& app) {
 void declare_dependencies(CLI::App& app) {
   CLI::Option* const depth = app.get_option("--depth");
   app.get_option("--depth-kind")->needs(depth);
-  CLI::Option* const stereo = app.get_option("--stereo");
-  for (const char* moving : {"--path", "--frames", "--fps"}) app.get_option(moving)->excludes(stereo);
 }
 
 }  // namespace

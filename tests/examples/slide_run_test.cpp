@@ -279,7 +279,7 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--no-such-flag"},
       {scene.photo, "--parallax", "80"},
       {scene.photo, "-o", folder.file("x.doc")},
-      {scene.photo, "--stereo", "sbs", "-o", folder.file("x.gif")},
+      {scene.photo, "--stereo", "sbs", "-o", folder.file("x.glb")},
       {scene.photo, scene.photo, "-o", folder.file("x.gif")},
       {scene.photo, "--max-memory", "lots"},
       {scene.photo, "--title", "x", "-o", folder.file("x.gif")},
@@ -639,6 +639,51 @@ TEST_CASE("stereo stills have the shape they should, and the left eye sees what 
   const Image cross = still("cross", "c.png");
   CHECK(disc(cross, 0) == disc(sbs, 96));
   CHECK(disc(cross, 96) == disc(sbs, 0));
+}
+
+TEST_CASE("a stereo video has both eyes in each frame, and the layers for all of them") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto run = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> call = {
+        scene.photo,  "--depth", scene.depth,    "--inpaint-model",  "fill", "--stereo", "sbs",
+        "--parallax", "8",       "--keep-edges", "--mesh-tolerance", "0",    "--json"};
+    call.insert(call.end(), more.begin(), more.end());
+    const ProgramResult result = slide_run(call);
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    return nlohmann::json::parse(result.output)["photos"][0];
+  };
+  const nlohmann::json report = run(
+      {"--path", "swing", "--frames", "4", "-o", folder.file("frames") + "/", "-o", folder.file("s.gif")});
+  CHECK(fs::exists(folder.file("s.gif")));
+  // Path and eyes share the parallax: at the swing's ends one eye is all of it away, 0.08 · 96 pixels.
+  CHECK(report["parallax_pixels"].get<double>() == doctest::Approx(0.08 * 96));
+  const auto frame = [&](int i) {
+    return read_photo(folder.file("frames/frame_000" + std::to_string(i) + ".png")).colour;
+  };
+  // Where the disc, the reddest there is, has its middle.
+  const auto disc = [](const Image& image, int x0) {
+    double sum = 0;
+    double count = 0;
+    for (int x = 0; x < 96; ++x)
+      if (image.at(x0 + x, 32, 0) > 0.7F) {
+        sum += x;
+        ++count;
+      }
+    return sum / count;
+  };
+  REQUIRE((frame(0).width == 192 && frame(0).height == 64));
+  CHECK(!fs::exists(folder.file("frames/frame_0004.png")));
+  // Against the plane that stands still, at disparity 0.5, the disc moves by half of the parallax in pixels:
+  // each eye by 0.04 · 96 / 2 = 1.92 to its side, the camera by as much at the ends of its swing.
+  CHECK(disc(frame(0), 0) - disc(frame(0), 96) == doctest::Approx(2 * 1.92).epsilon(0.15));
+  CHECK(disc(frame(3), 0) - disc(frame(1), 0) == doctest::Approx(2 * 1.92).epsilon(0.15));
+  // One eye where the camera began is where the other one is half a swing later.
+  const Image right_end = frame(1);
+  const Image left_end = frame(3);
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 96; ++x)
+      REQUIRE(right_end.at(x, y, 1) == doctest::Approx(left_end.at(96 + x, y, 1)).epsilon(0.02));
 }
 
 TEST_CASE("an output that cannot be written has an exit code of its own, and nothing stays") {
