@@ -161,4 +161,30 @@ TEST_CASE("paths that cannot be are refused") {
   CHECK(path_kind("dolly-zoom") == PathKind::kDollyZoom);
 }
 
+TEST_CASE("the eyes of a view are a swing's ends, about any view, and the focus stands still between them") {
+  const Camera camera = make_camera(400, 300);
+  const std::vector<View> path = make_path(camera, {.kind = PathKind::kCircle, .frames = 5});
+  View turned;  // by 0.1 about y, zoomed
+  turned.pose.rotation =
+      glm::dmat3(std::cos(0.1), 0, -std::sin(0.1), 0, 1, 0, std::sin(0.1), 0, std::cos(0.1));
+  turned.zoom = 1.5;
+  const std::vector<Eyes> eyes = eyes_of(camera, {View(), path[2], turned}, 3, 0.25);
+  REQUIRE(eyes.size() == 3);
+  const auto apart = [&](const Eyes& pair, const glm::dvec3& point) {
+    return project(camera, pair.left, point).x - project(camera, pair.right, point).x;
+  };
+  // P of each eye is 3 % of 400 pixels between disparities 0 and 1: 24 between the eyes, none at 0.25.
+  for (std::size_t i = 0; i < 2; ++i) {
+    CHECK(std::abs(apart(eyes[i], back_project(camera, 120, 80, 0.25))) < 1e-9);
+    CHECK(apart(eyes[i], back_project(camera, 120, 80, 1)) == doctest::Approx(24 * 0.75));
+    CHECK(apart(eyes[i], back_project(camera, 120, 80, 0)) == doctest::Approx(-24 * 0.25));
+  }
+  // Along the turned camera's own axis, zoomed: a point at z in front of it is f·zoom·2a (1/z - 1/z0) apart.
+  const double amplitude = 12 / (camera.focal * 0.9);
+  const glm::dvec3 seen{0.2, -0.1, 2.5};
+  CHECK(apart(eyes[2], glm::transpose(turned.pose.rotation) * seen) ==
+        doctest::Approx(camera.focal * 1.5 * 2 * amplitude * (1 / 2.5 - camera.inverse_depth(0.25))));
+  CHECK_THROWS_AS((void)eyes_of(camera, {View()}, 60, 0.5), Error);
+}
+
 }  // namespace slide
