@@ -1,12 +1,12 @@
 #!/usr/bin/python3
-"""docs/views.md's table of slide_views --json:   slide_views SCENES --json | views_table.py"""
+"""docs/views.md's table of slide_eval --json:   slide_eval STEREO_SCENES --json | views_table.py"""
 import json
 import sys
 
 METHODS = ['one plane', 'single layer', 'hard, fill', 'soft, fill', 'hard, network', 'soft, network', 'soft, row copy',
            'own depth, single layer', 'own depth, soft']
 
-scenes = json.load(sys.stdin)
+scenes = [s for s in json.load(sys.stdin)['scenes'] if s['kind'] == 'stereo']
 print('| | ' + ' | '.join(s['scene'] for s in scenes) + ' | PSNR | SSIM | visible | disoccluded |')
 print('|---' * (len(scenes) + 5) + '|')
 for method in (m for m in METHODS if m in scenes[0]['methods']):

@@ -1,4 +1,4 @@
-#include "benchmarks/stereo_scene.h"
+#include "benchmarks/eval/stereo_scene.h"
 
 #include <algorithm>
 #include <cmath>
@@ -9,7 +9,7 @@
 #include "render/image_file.h"
 #include "runtime/error.h"
 
-namespace slide {
+namespace slide::eval {
 namespace {
 
 constexpr double kJump = 1.0;  ///< pixels of disparity between neighbours of one surface, at most
@@ -131,4 +131,4 @@ SeenFromRight seen_from_right(const StereoScene& scene) {
   return out;
 }
 
-}  // namespace slide
+}  // namespace slide::eval

@@ -5,7 +5,7 @@
 #include "render/camera.h"
 #include "render/image.h"
 
-namespace slide {
+namespace slide::eval {
 
 /// A rectified stereo pair with the left picture's disparity: left(x, y) = right(x - d, y).
 struct StereoScene {
@@ -50,4 +50,4 @@ struct SeenFromRight {
 };
 [[nodiscard]] SeenFromRight seen_from_right(const StereoScene& scene);
 
-}  // namespace slide
+}  // namespace slide::eval
