@@ -1,5 +1,6 @@
 #include "render/camera_path.h"
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <string>
@@ -64,6 +65,10 @@ void check_options(const PathOptions& options) {
 
 }  // namespace
 
+double parallax_pixels(double percent, int width, int height) {
+  return percent / 100.0 * std::min(width, 2 * height);
+}
+
 PathKind path_kind(const std::string& name) {
   if (name == "circle") return PathKind::kCircle;
   if (name == "swing") return PathKind::kSwing;
@@ -75,7 +80,7 @@ PathKind path_kind(const std::string& name) {
 
 std::vector<View> make_path(const Camera& camera, const PathOptions& options) {
   check_options(options);
-  const double parallax = options.parallax_percent / 100.0 * camera.width;
+  const double parallax = parallax_pixels(options.parallax_percent, camera.width, camera.height);
   const double still = camera.inverse_depth(options.focus);
   const bool dolly = options.kind == PathKind::kDollyZoom;
   const bool forward = dolly || options.kind == PathKind::kZoom;

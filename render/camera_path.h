@@ -19,12 +19,16 @@ enum class PathKind {
 
 struct PathOptions {
   PathKind kind = PathKind::kCircle;
-  /// The amplitude, as the largest parallax P in percent of the photo's width. 0 to 50.
+  /// The amplitude, as the largest parallax P: see parallax_pixels(). 0 to 50.
   double parallax_percent = 4.0;
   /// The disparity that stands still (circle, swing, dolly zoom), 0 to 1.
   double focus = 0.5;
   int frames = 60;
 };
+
+/// A parallax given in percent: of the photo's width, or of twice its height where it is wider than that. What
+/// a panorama shows is as large as its height; the same part of its width would tear it apart.
+[[nodiscard]] double parallax_pixels(double percent, int width, int height);
 
 /// The names used on command lines: circle, swing, zoom, dolly-zoom.
 /// @throws Error(kUsage) for another name

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "render/base64.h"
+#include "render/camera_path.h"
 #include "render/codec.h"
 #include "render/viewer/viewer.h"
 #include "render/write_image.h"
@@ -147,7 +148,8 @@ std::string encode_html(const Layers& layers, const Camera& camera, const HtmlOp
       {"height", layers.foreground.colour.height},
       {"near", camera.near_depth},
       {"far", camera.far_depth},
-      {"parallax", options.parallax_percent / 100 * layers.foreground.colour.width},
+      {"parallax", parallax_pixels(options.parallax_percent, layers.foreground.colour.width,
+                                   layers.foreground.colour.height)},
       {"focus", options.focus},
       {"foreground", layer_json(layers.foreground, options, two && !layers.foreground.alpha.empty())}};
   if (two) {

@@ -10,7 +10,7 @@ namespace slide {
 struct HtmlOptions {
   std::string title = "3D photo";  ///< any text; shown as the page's title
   std::string alt;                 ///< what is to be seen, for screen readers; any text; empty: the title
-  double parallax_percent = 4;     ///< the largest parallax, in percent of the photo's width; 0 to 50
+  double parallax_percent = 4;     ///< the largest parallax, in percent: parallax_pixels(); 0 to 50
   double focus = 0.5;              ///< the disparity that stands still
   int jpeg_quality = 92;
   int mesh_side = 640;  ///< vertices along the longer side, at most; 2 to 4096

@@ -95,6 +95,17 @@ TEST_CASE("P of rotated views is what its definition gives over a dense photo") 
   CHECK(largest_parallax(camera, all) >= largest_parallax(camera, {all[1]}));
 }
 
+TEST_CASE("a panorama's parallax follows its height, other photos' their width") {
+  const auto parallax = [](int width, int height) {
+    const Camera camera = make_camera(width, height);
+    return largest_parallax(camera, make_path(camera, {.kind = PathKind::kSwing, .frames = 4}));
+  };
+  CHECK(parallax(1536, 192) == doctest::Approx(0.04 * 384).epsilon(1e-6));
+  CHECK(parallax(1536, 768) == doctest::Approx(0.04 * 1536).epsilon(1e-6));
+  CHECK(parallax(1600, 900) == doctest::Approx(0.04 * 1600).epsilon(1e-6));
+  CHECK(parallax(192, 1536) == doctest::Approx(0.04 * 192).epsilon(1e-6));
+}
+
 TEST_CASE("the parallax rate is what differences between disparities approach") {
   const Camera camera = make_camera(41, 31);
   for (const View& view :
