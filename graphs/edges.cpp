@@ -1,5 +1,9 @@
 #include "graphs/edges.h"
 
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
 #include "graphs/neighbourhood.h"
 #include "ops/edges/median.h"
 #include "ops/pointwise/pointwise.h"
@@ -27,6 +31,49 @@ constexpr double kPlace = 2;
 constexpr double kStay = 0.1;
 /// Weight of a pixel that no jump is near: nothing is divided by zero.
 constexpr double kLeastWeight = 1e-9;
+
+/// Of find_jumps(): lines looked at, a large jump's part of the map's range.
+constexpr std::int64_t kMostLines = 512;
+constexpr double kLargeJump = 0.08;
+constexpr std::int64_t kLeastRadius = 3;
+/// Of has_soft_edges(): fewer jumps say nothing; pixels that a sharp jump takes at most, and as part of W.
+constexpr std::int64_t kLeastJumps = 50;
+constexpr double kSharpPixels = 3;
+constexpr double kSharpPart = 1.0 / 400;
+
+/// The values of one row or column of a map.
+struct MapLine {
+  const float* first;
+  std::int64_t stride, count;
+  [[nodiscard]] double at(std::int64_t i) const { return static_cast<double>(first[i * stride]); }
+  [[nodiscard]] double step(std::int64_t i) const { return std::fabs(at(i + 1) - at(i)); }
+};
+
+/// Whether step i, from pixel i to i + 1, is the steepest within `radius`, the first of several.
+bool is_steepest(const MapLine& line, std::int64_t i, std::int64_t radius) {
+  const double step = line.step(i);
+  for (std::int64_t j = std::max<std::int64_t>(0, i - radius); j < i; ++j)
+    if (line.step(j) >= step) return false;
+  for (std::int64_t j = i + 1; j <= std::min(i + radius, line.count - 2); ++j)
+    if (line.step(j) > step) return false;
+  return true;
+}
+
+/// Adds the pixels that each large jump of a line takes.
+void add_jumps(const MapLine& line, std::int64_t radius, double large, std::vector<double>& pixels) {
+  const double least_step = large / static_cast<double>(2 * radius + 1);  // or the range is smaller
+  for (std::int64_t i = 0; i + 1 < line.count; ++i) {
+    if (!(line.step(i) >= least_step) || !is_steepest(line, i, radius)) continue;
+    double low = line.at(i);
+    double high = low;
+    for (std::int64_t j = std::max<std::int64_t>(0, i - radius);
+         j <= std::min(i + 1 + radius, line.count - 1); ++j) {
+      low = std::min(low, line.at(j));
+      high = std::max(high, line.at(j));
+    }
+    if (high - low >= large) pixels.push_back((high - low) / line.step(i));
+  }
+}
 
 /// How much of a jump a range of disparity is.
 Value jump_of(Value range) { return smoothstep(range, kSlope, kJump); }
@@ -112,6 +159,34 @@ Value sharpen_edges(Value disparity, Value image) {
     d = around.moved(d, around.above_middle(d));
   }
   return ops::clip(snap(d, image), 0, 1);
+}
+
+Jumps find_jumps(const Tensor& disparity) {
+  const std::int64_t height = disparity.shape()[2];
+  const std::int64_t width = disparity.shape()[3];
+  const float* map = disparity.data<float>().data();
+  const auto [low, high] = std::ranges::minmax(disparity.data<float>());
+  const double large = kLargeJump * (static_cast<double>(high) - static_cast<double>(low));
+  if (!(large > 0)) return {0, 0};
+  const auto radius = std::max(
+      kLeastRadius,
+      static_cast<std::int64_t>(std::llround(static_cast<double>(std::max(width, height)) * kSteepenPart)));
+  const auto every = [](std::int64_t lines) { return (lines + kMostLines - 1) / kMostLines; };
+  std::vector<double> pixels;
+  for (std::int64_t y = 0; y < height; y += every(height))
+    add_jumps({map + y * width, 1, width}, radius, large, pixels);
+  for (std::int64_t x = 0; x < width; x += every(width))
+    add_jumps({map + x, width, height}, radius, large, pixels);
+  if (pixels.empty()) return {0, 0};
+  const auto middle = pixels.begin() + static_cast<std::ptrdiff_t>((pixels.size() - 1) / 2);
+  std::ranges::nth_element(pixels, middle);
+  return {*middle, static_cast<std::int64_t>(pixels.size())};
+}
+
+bool has_soft_edges(const Tensor& disparity) {
+  const auto longer = static_cast<double>(std::max(disparity.shape()[2], disparity.shape()[3]));
+  const Jumps jumps = find_jumps(disparity);
+  return jumps.count >= kLeastJumps && jumps.pixels > std::max(kSharpPixels, longer * kSharpPart);
 }
 
 }  // namespace slide::graphs

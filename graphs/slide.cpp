@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "graphs/edges.h"
 #include "graphs/pipeline.h"
 #include "graphs/stage.h"
 #include "graphs/stages.h"
@@ -98,21 +99,37 @@ double fraction_above(const Tensor& map, float threshold) {
 }
 
 /// D by the network.
-Tensor estimate(const StageContext& context, const Tensor& image, StageReport& report) {
+Tensor estimate(const StageContext& context, const Tensor& image, SlideReport& report) {
   Stage stage("depth", context, context.models.depth);
   stage.run({{"image", image}}, depth_builder(image.shape(), context.models.depth));
-  report = stage.report();
+  report.stages.push_back(stage.report());
   Tensor disparity = stage.take("D");
   require_finite("network's disparity", disparity, ErrorKind::kInternal);
   return disparity;
 }
 
+bool is_sharpened(const Tensor& map, const SlideOptions& options) {
+  return options.depth_edges == DepthEdges::kSoft ||
+         (options.depth_edges == DepthEdges::kAuto && has_soft_edges(map));
+}
+
+/// D of a given map.
+BuildStage given_builder(const Shape& map, bool sharpened) {
+  return [=](Graph& g) {
+    const Value d = ops::min_max_normalise(g.input("disparity", map));
+    g.output("D", sharpened ? sharpen_edges(d, g.input("image", map.with(1, 3))) : d);
+  };
+}
+
 /// D: the user's map, normalised to [0, 1].
-Tensor normalised(const StageContext& context, const Tensor& map, StageReport& report) {
+Tensor take_given(const SlideInput& input, const StageContext& context, SlideReport& report) {
+  report.depth_jump_pixels = find_jumps(input.disparity).pixels;
+  report.depth_sharpened = is_sharpened(input.disparity, context.options);
+  NamedTensors inputs = {{"disparity", input.disparity}};
+  if (report.depth_sharpened) inputs["image"] = input.image;
   Stage stage("depth", context);
-  stage.run({{"disparity", map}},
-            [&](Graph& g) { g.output("D", ops::min_max_normalise(g.input("disparity", map.shape()))); });
-  report = stage.report();
+  stage.run(inputs, given_builder(input.disparity.shape(), report.depth_sharpened));
+  report.stages.push_back(stage.report());
   return stage.take("D");
 }
 
@@ -125,9 +142,7 @@ void require_depth_network(const SlideModels& models) {
 void find_disparity(const SlideInput& input, const StageContext& context, SlideLayers& out) {
   const bool given = !input.disparity.empty();
   if (!given) require_depth_network(context.models);
-  StageReport& report = out.report.stages.emplace_back();
-  out.disparity =
-      given ? normalised(context, input.disparity, report) : estimate(context, input.image, report);
+  out.disparity = given ? take_given(input, context, out.report) : estimate(context, input.image, out.report);
   out.report.relief = max_abs(out.disparity) > 0;
 }
 
@@ -324,6 +339,8 @@ std::vector<PlannedStage> plan_layers(std::int64_t height, std::int64_t width, c
   };
   if (known.disparity.empty() && models.depth.chosen())
     plan("depth", depth_builder(image, models.depth), models.depth);
+  if (!known.disparity.empty() && is_sharpened(known.disparity, options))
+    plan("depth", given_builder(map, true));
   if (known.matte.empty() && options.matte != MatteUse::kNever && models.saliency.chosen()) {
     plan("saliency", saliency_builder(image, models.saliency), models.saliency);
     if (models.matting.chosen()) plan("matting", matting_builder(map, models.matting), models.matting);

@@ -43,6 +43,14 @@ enum class MatteUse {
   kAlways,  ///< the matte is used whatever it shows
 };
 
+/// What a given depth map's edges are like. Soft ones are brought onto the photo's by sharpen_edges(), as a
+/// network's are.
+enum class DepthEdges {
+  kSharp,
+  kSoft,
+  kAuto,  ///< has_soft_edges() of graphs/edges.h decides
+};
+
 /// What is known before the networks run.
 struct SlideInput {
   Tensor image;      ///< 1×3×H×W, F32, [0, 1]
@@ -56,6 +64,7 @@ using StageCallback = std::function<bool(const std::string& stage, double part, 
 struct SlideOptions {
   LayeringParams layering;
   MatteUse matte = MatteUse::kNever;
+  DepthEdges depth_edges = DepthEdges::kSharp;
   bool whole_image = false;      ///< inpaint the whole image in one piece instead of the windows that need it
   std::size_t memory_limit = 0;  ///< bytes for one stage's plan; 0: no limit
   Isa isa = active_isa();
@@ -81,7 +90,9 @@ struct StageReport {
 struct SlideReport {
   Layering layering{};
   std::vector<StageReport> stages;
-  bool relief = true;  ///< false: the disparity is flat, the scene is one layer
+  bool relief = true;            ///< false: the disparity is flat, the scene is one layer
+  double depth_jump_pixels = 0;  ///< of a given map: find_jumps(); 0 of a network's
+  bool depth_sharpened = false;  ///< a given map's edges were soft
   bool matte_used = false;
   bool matte_in_fill = false;   ///< it also says what the fill takes for background
   bool matte_refined = false;   ///< the matting network refined the saliency network's

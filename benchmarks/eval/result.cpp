@@ -44,6 +44,7 @@ TimedLayers timed_layers(const graphs::SlideInput& input, const graphs::SlideMod
   graphs::SlideOptions options;
   options.layering = settings.layering.params(parallax);
   options.matte = matte;
+  if (!models.depth.chosen()) options.depth_edges = settings.depth_edges;
   const auto start = std::chrono::steady_clock::now();
   graphs::SlideLayers made = make_layers(input, models, options);
   const std::chrono::duration<double> took = std::chrono::steady_clock::now() - start;

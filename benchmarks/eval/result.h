@@ -52,8 +52,9 @@ struct LayeringChoice {
 struct Settings {
   graphs::SlideModels models;
   LayeringChoice layering;
-  std::string only;                     ///< methods whose name holds this
-  const WeightSource* lpips = nullptr;  ///< of graphs::lpips_alex(); null: without
+  graphs::DepthEdges depth_edges = graphs::DepthEdges::kSharp;  ///< of the scenes' own depth maps
+  std::string only;                                             ///< methods whose name holds this
+  const WeightSource* lpips = nullptr;                          ///< of graphs::lpips_alex(); null: without
 
   [[nodiscard]] bool wants(const std::string& method) const { return method.find(only) != std::string::npos; }
 };

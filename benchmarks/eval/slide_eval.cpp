@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <iostream>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 
@@ -151,6 +152,12 @@ void declare(CLI::App& app, Arguments& a, Settings& s) {
                  "weights of the saliency network, for matte scenes; default: built in");
   app.add_option("--lpips", a.lpips,
                  "LPIPS, too: safetensors of PyPI's lpips.LPIPS(net=\"alex\").state_dict()");
+  app.add_option("--depth-edges", s.depth_edges,
+                 "of the scenes' depth maps, as slide_run takes it; default sharp")
+      ->transform(CLI::CheckedTransformer(
+          std::map<std::string, graphs::DepthEdges>{{"sharp", graphs::DepthEdges::kSharp},
+                                                    {"soft", graphs::DepthEdges::kSoft},
+                                                    {"auto", graphs::DepthEdges::kAuto}}));
   app.add_option("--beta", s.layering.beta, "steepness of the visibility, as part of P^2; default 1/12");
   app.add_option("--gamma", s.layering.gamma, "steepness of the disocclusion, as multiple of P; default 1");
   app.add_option("--rho", s.layering.rho, "disparity a pixel is worth, as multiple of 1/P; default 1");

@@ -122,6 +122,7 @@ std::unique_ptr<slide_photo> make(slide_model& model, const slide::Image& colour
   photo->views = views_of(s, photo->camera);
   photo->shown = slide::without_edges(photo->camera, photo->views);
   slide::graphs::SlideOptions options = model.options;
+  options.depth_edges = slide::graphs::DepthEdges::kAuto;
   options.layering.parallax = slide::largest_parallax(photo->camera, photo->views);
   options.matte = s.find_subject != 0 ? slide::graphs::MatteUse::kAuto : slide::graphs::MatteUse::kNever;
   const slide::graphs::SlideLayers made = model.pipeline->make_layers(input_of(reduced, given), options);

@@ -141,7 +141,7 @@ typedef struct slide_scene {
   size_t struct_size; /* set by slide_scene_init() */
   const char* path;   /* "circle", "swing", "zoom", "dolly-zoom" or a file of poses, x.json; NULL (default):
                               circle */
-  double parallax_percent; /* of the photo's width, 0 to 50; default 4 */
+  double parallax_percent; /* of the photo's width (of a panorama: of twice its height), 0 to 50; default 4 */
   double focus;            /* the disparity that stands still, 0 to 1; default 0.5 */
   int frames;              /* of the path; default 60 */
   const slide_view* views; /* a camera path of one's own, instead of the four above; NULL (default): none */
@@ -155,7 +155,8 @@ typedef struct slide_scene {
 SLIDE_API void slide_scene_init(slide_scene* scene, size_t size);
 
 /* Makes a 3D photo of an image in memory.
- * disparity: 1 channel of the image's shape, in any range, larger is nearer; NULL: the depth network.
+ * disparity: 1 channel of the image's shape, in any range, larger is nearer; NULL: the depth network. Where its
+ * jumps take several pixels they are brought onto the photo's edges.
  * matte: 1 channel, of the subject; NULL: see find_subject.  scene: NULL stands for the defaults.
  * On success *photo is set, to be freed with slide_photo_free(). */
 SLIDE_API slide_status slide_make(slide_model* model, const slide_image* image, const slide_image* disparity,

@@ -252,6 +252,9 @@ class Job {
                   .sigma = options_.sigma,
                   .maxpool = options_.maxpool};
     o.matte = options_.matte == "auto" ? graphs::MatteUse::kAuto : graphs::MatteUse::kNever;
+    o.depth_edges = options_.depth_edges == "soft"    ? graphs::DepthEdges::kSoft
+                    : options_.depth_edges == "sharp" ? graphs::DepthEdges::kSharp
+                                                      : graphs::DepthEdges::kAuto;
     o.whole_image = options_.whole_image;
     const PrecisionChoice choice = precision_choice(options_.precision, options_.error_budget);
     o.precision = choice.precision;

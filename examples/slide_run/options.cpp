@@ -52,6 +52,13 @@ void declare_input(CLI::App& app, Options& o) {
          "which black is near) or depth (distances, 0 where there is none). NaN is a missing value, too")
       ->group(group)
       ->capture_default_str();
+  app.add_option("--depth-edges", o.depth_edges,
+                 "The map's edges: soft (brought onto the photo's, as a network's are), sharp (left as they "
+                 "are), or auto: "
+                 "soft if most of its jumps take several pixels")
+      ->group(group)
+      ->check(CLI::IsMember({"sharp", "soft", "auto"}))
+      ->capture_default_str();
   app.add_option(
          "--matte", o.matte,
          "Alpha matte of the subject, for its outline and for what is filled in behind it: a file, auto "
@@ -138,7 +145,9 @@ void declare_path(CLI::App& app, Options& o) {
       ->group(group)
       ->type_name("NAME|FILE")
       ->capture_default_str();
-  app.add_option("--parallax", o.parallax, "How far near moves against far, percent of the photo's width")
+  app.add_option(
+         "--parallax", o.parallax,
+         "How far near moves against far, percent of the photo's width (of a panorama: of twice its height)")
       ->group(group)
       ->check(within(0, 50))
       ->capture_default_str();
@@ -256,6 +265,7 @@ void declare_help(CLI::App& app) {
 void declare_dependencies(CLI::App& app) {
   CLI::Option* const depth = app.get_option("--depth");
   app.get_option("--depth-kind")->needs(depth);
+  app.get_option("--depth-edges")->needs(depth);
 }
 
 }  // namespace

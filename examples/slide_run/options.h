@@ -19,6 +19,7 @@ struct Options {
   std::vector<std::string> inputs;
   std::string depth;
   std::string depth_kind = "disparity";
+  std::string depth_edges = "auto";
   std::string matte = "none";
   int max_side = 1536;
 

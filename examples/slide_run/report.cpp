@@ -46,6 +46,9 @@ void explain(const JobReport& r) {
       r.fov, r.fov_origin.c_str(), r.parallax, r.edge_zoom);
   std::fprintf(stderr, "  depth       %s%s\n", r.depth_origin.c_str(),
                s.relief ? "" : "; no relief: one layer, nothing else is needed");
+  if (s.depth_jump_pixels > 0)
+    std::fprintf(stderr, "  edges       a jump of the map takes %.1f pixels: %s\n", s.depth_jump_pixels,
+                 s.depth_sharpened ? "soft, brought onto the photo's" : "left as they are");
   std::fprintf(
       stderr, "  layering    beta %.4g, gamma %.4g, rho %.4g, radius %lld, sigma %.3g, maxpool %lld\n",
       l.beta, l.gamma, l.rho, static_cast<long long>(l.radius), l.sigma, static_cast<long long>(l.maxpool));
@@ -99,6 +102,8 @@ nlohmann::json to_json(const JobReport& r) {
                    {"radius", l.radius}, {"sigma", l.sigma}, {"maxpool", l.maxpool}};
   j["depth"] = r.depth_origin;
   j["depth_missing"] = r.depth_missing;
+  j["depth_jump_pixels"] = r.slide.depth_jump_pixels;
+  j["depth_sharpened"] = r.slide.depth_sharpened;
   j["relief"] = r.slide.relief;
   j["matte"] = {{"used", r.slide.matte_used},
                 {"in_fill", r.slide.matte_in_fill},

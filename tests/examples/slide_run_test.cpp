@@ -193,6 +193,30 @@ TEST_CASE("missing values of a depth map are filled, and the summary says how ma
   CHECK(d.at(2, 2) == doctest::Approx(0.0));
 }
 
+TEST_CASE("a soft depth map is sharpened unless it is said to be sharp") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  Image soft(96, 64, 1);
+  for (int y = 0; y < 64; ++y)
+    for (int x = 0; x < 96; ++x) soft.at(x, y) = std::clamp((static_cast<float>(x) - 45) / 4, 0.0F, 1.0F);
+  write_pfm(folder.file("soft.pfm"), soft);
+  const auto steepest = [&](const std::string& edges) {
+    const ProgramResult result =
+        slide_run({scene.photo, "--depth", folder.file("soft.pfm"), "--depth-edges", edges, "--inpaint-model",
+                   "fill", "-o", folder.file("a.glb"), "--layers", folder.file("layers"), "--explain"});
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    CHECK(contains(result.errors, "a jump of the map takes 4.0 pixels"));
+    CHECK(contains(result.errors, "brought onto the photo's") == (edges != "sharp"));
+    const Image d = read_map(folder.file("layers/D.pfm"));
+    float step = 0;
+    for (int x = 0; x + 1 < 96; ++x) step = std::max(step, d.at(x + 1, 32) - d.at(x, 32));
+    return step;
+  };
+  CHECK(steepest("sharp") == doctest::Approx(0.25).epsilon(1e-4));
+  CHECK(steepest("auto") > 0.4F);
+  CHECK(steepest("soft") > 0.4F);
+}
+
 TEST_CASE("a page has the title and the description that it is given") {
   const TemporaryFolder folder;
   const Scene scene(folder);
@@ -307,6 +331,8 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       {scene.photo, "--matting-model", "fba"},
       {scene.photo, "--depth", scene.depth, "--depth-weights", "formula"},
       {scene.photo, "--depth-kind", "depth"},
+      {scene.photo, "--depth-edges", "soft"},
+      {scene.photo, "--depth", scene.depth, "--depth-edges", "blurred"},
       {scene.photo, "--depth", scene.depth, "--depth-size", "384"},
       {scene.photo, "--depth-size", "400"},
       {scene.photo, "--depth-size", "512", "--depth-weights", "formula", "--depth-model",

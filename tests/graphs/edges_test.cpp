@@ -103,6 +103,59 @@ TEST_CASE("no value leaves the range of its surroundings") {
   CHECK(d.data<float>()[kHeight / 2 * kWidth + 400] == doctest::Approx(0.2).epsilon(1e-6));
 }
 
+TEST_CASE("a jump takes as many pixels as its range over its steepest step") {
+  // A step, a straight ramp over 4 steps, and a smoothstep over 8, whose slope in the middle is 1.5 times the mean.
+  const Jumps step = find_jumps(columns(1, [](double x) { return x < 240 ? 5 : 9; }));
+  CHECK(step.pixels == doctest::Approx(1).epsilon(1e-6));
+  CHECK(step.count == kHeight);
+  const Jumps line = find_jumps(columns(1, [](double x) { return std::clamp((x - 240) / 4, 0.0, 1.0); }));
+  CHECK(line.pixels == doctest::Approx(4).epsilon(1e-6));
+  CHECK(line.count == kHeight);
+  const Jumps smooth = find_jumps(columns(1, [](double x) { return ramp(x, 239.5, 8); }));
+  // Of its range the window holds that between t = 1/16 and 15/16; the steepest step is from 7/16 to 9/16.
+  const auto part = [](double t) { return t * t * (3 - 2 * t); };
+  CHECK(
+      smooth.pixels ==
+      doctest::Approx((part(15.0 / 16) - part(1.0 / 16)) / (part(9.0 / 16) - part(7.0 / 16))).epsilon(1e-5));
+  // Two steps to one ramp in each row: the median is the steps'.
+  const Jumps mixed = find_jumps(columns(1, [](double x) {
+    return (x < 100 ? 0 : 0.3) + (x < 200 ? 0 : 0.3) + 0.4 * std::clamp((x - 300) / 5, 0.0, 1.0);
+  }));
+  CHECK(mixed.pixels == doctest::Approx(1).epsilon(1e-6));
+  CHECK(mixed.count == 3 * kHeight);
+}
+
+TEST_CASE("soft edges take more than three pixels and more than a part of the photo's size") {
+  const auto over = [](double pixels) {
+    return [pixels](double x) { return std::clamp((x - 240) / pixels, 0.0, 1.0); };
+  };
+  CHECK(!has_soft_edges(columns(1, over(1))));
+  CHECK(!has_soft_edges(columns(1, over(2.9))));
+  CHECK(has_soft_edges(columns(1, over(3.5))));
+  CHECK(has_soft_edges(columns(1, over(5))));
+  // In a photo of 1600 pixels 4 are allowed.
+  const auto wide = [&](double pixels) {
+    Tensor t(DType::kF32, {1, 1, kHeight, 1600});
+    const auto values = t.mutable_data<float>();
+    for (std::size_t i = 0; i < values.size(); ++i)
+      values[i] = static_cast<float>(over(pixels)(static_cast<double>(i % 1600)));
+    return t;
+  };
+  CHECK(!has_soft_edges(wide(3)));
+  CHECK(has_soft_edges(wide(5)));
+}
+
+TEST_CASE("a slope, and a handful of jumps, are no soft edges") {
+  CHECK(find_jumps(columns(1, [](double x) { return x; })).count == 0);
+  CHECK(find_jumps(columns(1, kGrey)).count == 0);
+  Tensor few(DType::kF32, {1, 1, 40, kWidth});  // a jump a row
+  const auto values = few.mutable_data<float>();
+  for (std::size_t i = 0; i < values.size(); ++i)
+    values[i] = static_cast<float>(std::clamp((static_cast<double>(i % kWidth) - 240) / 4, 0.0, 1.0));
+  CHECK(find_jumps(few).count == 40);
+  CHECK(!has_soft_edges(few));
+}
+
 TEST_CASE("float32 and float64 sharpen alike") {
   const Tensor disparity = columns(1, [](double x) { return ramp(x, 101.3, 9); });
   const Tensor image = columns(3, [](double x) { return 0.5 + 0.3 * std::tanh(x - 103); });

@@ -2,6 +2,7 @@
 
 #include <doctest/doctest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <limits>
 
@@ -279,6 +280,48 @@ TEST_CASE("a given disparity of any range is normalised; NaN in it is refused wi
   scene.disparity.mutable_data<float>()[2 * 60 + 5] = std::numeric_limits<float>::quiet_NaN();
   CHECK_THROWS_WITH_AS((void)make_layers({scene.image, scene.disparity, {}}, {}, with_parallax(4)),
                        doctest::Contains("pixel (5, 2)"), Error);
+}
+
+TEST_CASE("a given map's soft edges are brought onto the photo's, sharp ones are left alone") {
+  // A ramp of 8 pixels around 88, where the photo's edge is at 90; sharpened only if it is said or seen to be soft.
+  constexpr std::int64_t kSide = 200;
+  Tensor image(DType::kF32, {1, 3, kSide, kSide});
+  Tensor soft(DType::kF32, {1, 1, kSide, kSide});
+  Tensor sharp(DType::kF32, {1, 1, kSide, kSide});
+  for (std::int64_t i = 0; i < kSide * kSide; ++i) {
+    const auto x = static_cast<float>(i % kSide);
+    for (std::int64_t c = 0; c < 3; ++c)
+      image.mutable_data<float>()[static_cast<std::size_t>(c * kSide * kSide + i)] = x < 90 ? 0.2F : 0.7F;
+    soft.mutable_data<float>()[static_cast<std::size_t>(i)] = 3 * std::clamp((x - 86) / 4, 0.0F, 1.0F);
+    sharp.mutable_data<float>()[static_cast<std::size_t>(i)] = x < 88 ? 0.0F : 3.0F;
+  }
+  const auto made = [&](const Tensor& map, DepthEdges edges) {
+    SlideOptions options = with_parallax(8);
+    options.depth_edges = edges;
+    return make_layers({image, map, {}}, {}, options);
+  };
+  const auto at = [](const SlideLayers& l, std::int64_t x) {
+    return l.disparity.data<float>()[static_cast<std::size_t>(100 * kSide + x)];
+  };
+  const SlideLayers seen = made(soft, DepthEdges::kAuto);
+  CHECK(seen.report.depth_sharpened);
+  CHECK(seen.report.depth_jump_pixels == doctest::Approx(4).epsilon(1e-5));
+  CHECK(at(seen, 89) < 0.01F);
+  CHECK(at(seen, 90) > 0.99F);
+  CHECK(max_abs_difference(seen.disparity, made(soft, DepthEdges::kSoft).disparity) == 0);
+  CHECK(at(made(soft, DepthEdges::kSharp), 88) == doctest::Approx(0.5));
+  const SlideLayers left = made(sharp, DepthEdges::kAuto);
+  CHECK(!left.report.depth_sharpened);
+  CHECK(at(left, 87) == 0);
+  CHECK(at(left, 88) == 1);
+  CHECK(made(sharp, DepthEdges::kSoft).report.depth_sharpened);
+  // The plan has the stage that runs, with its memory.
+  SlideOptions options = with_parallax(8);
+  options.depth_edges = DepthEdges::kAuto;
+  const auto planned = plan_layers(kSide, kSide, {}, {image, soft, {}}, options);
+  REQUIRE(planned.front().report.name == "depth");
+  CHECK(planned.front().report.memory == seen.report.stages.front().memory);
+  CHECK(plan_layers(kSide, kSide, {}, {image, sharp, {}}, options).front().report.name == "layering");
 }
 
 TEST_CASE("a plan over the memory limit is refused; a cancelled run stops") {
