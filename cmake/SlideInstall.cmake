@@ -6,7 +6,7 @@ include(CMakePackageConfigHelpers)
 install(TARGETS slide_run slide_check slide_convert COMPONENT programs)
 install(FILES LICENSE NOTICE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT programs)
 install(FILES weights/README.md RENAME weights.md DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT programs)
-install(FILES weights/slide_depth.md weights/slide_inpaint.md weights/slide_matte.md
+install(FILES weights/slide_depth.md weights/slide_inpaint.md weights/slide_matte.md weights/slide_rim.md
   DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT programs)
 if(TARGET slide_docs)
   foreach(program slide_run slide_check slide_convert)

@@ -14,6 +14,7 @@
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
+#include "graphs/slide_rim.h"
 #include "graphs/u2net.h"
 #include "runtime/error.h"
 
@@ -108,6 +109,13 @@ GraphPtr build_slide_matte(const BuildOptions& options) {
   return g;
 }
 
+GraphPtr build_slide_rim(const BuildOptions& options) {
+  auto g = std::make_unique<Graph>();
+  const Value image = image_input(*g, "image", 3, options);
+  g->output("0", slide_rim(image, image_input(*g, "coarse", 1, options)));
+  return g;
+}
+
 /// The project's own networks.
 std::vector<Model> own_models() {
   return {
@@ -132,6 +140,13 @@ std::vector<Model> own_models() {
        .size = {.multiple = 32, .upper_bound = kSlideSide},
        .unread = {},
        .build = build_slide_matte},
+      {.name = "slide_rim",
+       .description = "a coarse matte's edges and hair at the photo's size, the default",
+       .inputs = {"image", "coarse"},
+       .outputs = {"matte"},
+       .size = {.multiple = 8},
+       .unread = {},
+       .build = build_slide_rim},
   };
 }
 

@@ -90,6 +90,14 @@ Tensor trimap_transformed(ImageSize size) {
   });
 }
 
+/// A soft disc: 1 in the sure foreground, 0 in the sure background, linear between.
+Tensor soft_disc(ImageSize size) {
+  const Discs discs(size);
+  return planes(size, 1, [&](std::int64_t, std::int64_t y, std::int64_t x) {
+    return discs.distance(0, y, x) / std::max(discs.background - discs.foreground, 1e-9);
+  });
+}
+
 /// A model's input of that name. `photo` is the photo in a graph.
 Value model_input(std::string_view model, std::string_view name, Value photo, ImageSize size) {
   Graph& g = photo.graph();
@@ -100,6 +108,7 @@ Value model_input(std::string_view model, std::string_view name, Value photo, Im
   if (name == "image") return image();
   if (name == "disparity") return disparity(image());
   if (name == "mask" || name == "hole") return g.constant("middle", hole(size));
+  if (name == "coarse") return ops::clip(g.constant("soft_disc", soft_disc(size)), 0, 1);
   if (name == "two_chan_trimap") return g.constant("discs", trimap(size));
   if (name == "trimap_transformed") return g.constant("disc_distances", trimap_transformed(size));
   if (name == "rgbd") {

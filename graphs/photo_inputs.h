@@ -22,7 +22,7 @@ struct PhotoRun {
 /// that the network takes. What a model needs beside a photo is made up: for inpainting the mean of the
 /// colours serves as disparity and the hole is the middle half of both sides; for matting the trimap is two
 /// discs about the centre, sure foreground within a quarter of the shorter side, sure background beyond three
-/// eighths.
+/// eighths, and the coarse matte goes from one to zero between.
 /// @param photo   1×3×H×W, RGB in [0, 1]
 /// @param longer  the longer side the photo is brought to; 0: the model's own rule, and at most 256 for
 ///                models that take photos as large as they are

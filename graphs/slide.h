@@ -32,7 +32,7 @@ struct SlideModels {
   NetworkChoice
       inpaint;  ///< inpaint_coarse, inpaint_deepfill, slide_inpaint; none: the depth-aware fill alone
   NetworkChoice saliency;  ///< u2net, u2netp, slide_matte: a soft matte of the salient subject
-  NetworkChoice matting;   ///< fba: refines the saliency network's matte
+  NetworkChoice matting;   ///< slide_rim, fba: refines the saliency network's matte
 };
 
 /// Whether a matte of the salient subject takes part: where disparity jumps, in the visibility, the colours

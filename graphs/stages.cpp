@@ -20,6 +20,7 @@
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
+#include "graphs/slide_rim.h"
 #include "graphs/u2net.h"
 #include "ops/guided/guided.h"
 #include "ops/layering/distance_transform.h"
@@ -45,6 +46,16 @@ constexpr double kBackgroundUpTo = 0.1;
 constexpr std::int64_t kDepthGuideRadius = 4;
 constexpr std::int64_t kMatteGuideRadius = 2;
 constexpr double kGuideEps = 1e-3;
+
+/// The smaller size that slide_matte sees a photo at, and the parts of the photo that a matte may cover there
+/// up to which the larger size's is taken, and from which the smaller one's is.
+constexpr std::int64_t kMatteWholeSide = 288;
+constexpr double kSmallSubject = 0.25;
+constexpr double kLargeSubject = 0.4;
+
+/// The largest longer side that slide_rim works at, and what both sides are multiples of.
+constexpr std::int64_t kRimSide = 1536;
+constexpr std::int64_t kRimMultiple = 8;
 
 /// FBA's sides; the length its trimap's Gaussians are measured in, and their widths in it.
 constexpr std::int64_t kFbaMultiple = 8;
@@ -122,11 +133,51 @@ Value slide_disparity(Value image, std::int64_t side) {
   return within_neighbours(ops::guided_upsample(coarse, sized, image, kDepthGuideRadius, kGuideEps), coarse);
 }
 
-/// slide_matte's matte, in the same way.
+/// slide_matte's matte, in the same way. A subject that fills the photo is found whole where the photo is as
+/// small as the crops that the network has learnt from; small ones need more pixels.
 Value slide_photo_matte(Value image) {
   const Value sized = slide_sized(image, kSlideSide);
-  const Value coarse = slide_matte(slide_preprocess(sized));
+  const Value fine = slide_matte(slide_preprocess(sized));
+  const Value whole = slide_matte(slide_preprocess(slide_sized(image, kMatteWholeSide)));
+  const Value filled = smoothstep(ops::reduce_mean(whole, {2, 3}), kSmallSubject, kLargeSubject);
+  const Value enlarged = ops::resize_bilinear(whole, fine.shape()[2], fine.shape()[3], false);
+  const Value coarse = ops::add(fine, ops::mul(filled, ops::sub(enlarged, fine)));
   return ops::clip(ops::guided_upsample(coarse, sized, image, kMatteGuideRadius, kGuideEps), 0, 1);
+}
+
+/// slide_rim's matte: at the photo's size, or reduced to what it has learnt and enlarged with the photo as
+/// guide. Sides are padded to multiples of 8 by the border pixel.
+Value slide_refined(Value image, Value coarse) {
+  const ImageSize size = size_of_image(image);
+  const std::int64_t longer = std::max(size.height, size.width);
+  if (longer <= kRimSide)
+    return crop(slide_rim(pad_to_multiple(image, kRimMultiple), pad_to_multiple(coarse, kRimMultiple)), size);
+  const auto reduced = [&](std::int64_t side) {
+    const std::int64_t steps = (side * kRimSide + longer * kRimMultiple / 2) / (longer * kRimMultiple);
+    return std::max<std::int64_t>(steps, 1) * kRimMultiple;
+  };
+  const auto small = [&](Value x) {
+    return ops::clip(ops::resize_bicubic(x, reduced(size.height), reduced(size.width)), 0, 1);
+  };
+  const Value sized = small(image);
+  const Value fine = slide_rim(sized, small(coarse));
+  return ops::clip(ops::guided_upsample(fine, sized, image, kMatteGuideRadius, kGuideEps), 0, 1);
+}
+
+/// FBA's alpha, and exactly 0 and 1 in the sure regions of trimap().
+Value fba_refined(Value image, Value saliency, const NetworkChoice& network) {
+  const Value regions = trimap(saliency);
+  const Value padded = pad_to_multiple(image, kFbaMultiple);
+  const Value padded_regions = pad_to_multiple(regions, kFbaMultiple);
+  const FbaInputs inputs{.image = padded,
+                         .two_chan_trimap = padded_regions,
+                         .image_n = imagenet_normalise(padded),
+                         .trimap_transformed = trimap_transform(padded_regions)};
+  const Value result = fba(inputs, FbaConfig::from_weights(*network.weights));
+  const Value alpha = crop(ops::slice(result, 1, 0, 1), size_of_image(image));
+  const Value background = ops::slice(regions, 1, 0, 1);
+  const Value foreground = ops::slice(regions, 1, 1, 2);
+  return ops::maximum(ops::mul(alpha, complement(background)), foreground);
 }
 
 /// The size of Depth Anything V2 that a model's name stands for; null for another network.
@@ -212,19 +263,9 @@ Value trimap_transform(Value two_chan_trimap) {
 }
 
 Value refine_matte(Value image, Value saliency, const NetworkChoice& network) {
-  if (network.model != "fba") throw wrong_model(network, "matting", "fba");
-  const Value regions = trimap(saliency);
-  const Value padded = pad_to_multiple(image, kFbaMultiple);
-  const Value padded_regions = pad_to_multiple(regions, kFbaMultiple);
-  const FbaInputs inputs{.image = padded,
-                         .two_chan_trimap = padded_regions,
-                         .image_n = imagenet_normalise(padded),
-                         .trimap_transformed = trimap_transform(padded_regions)};
-  const Value result = fba(inputs, FbaConfig::from_weights(*network.weights));
-  const Value alpha = crop(ops::slice(result, 1, 0, 1), size_of_image(image));
-  const Value background = ops::slice(regions, 1, 0, 1);
-  const Value foreground = ops::slice(regions, 1, 1, 2);
-  return ops::maximum(ops::mul(alpha, complement(background)), foreground);
+  if (network.model == "slide_rim") return slide_refined(image, saliency);
+  if (network.model == "fba") return fba_refined(image, saliency, network);
+  throw wrong_model(network, "matting", "slide_rim, fba");
 }
 
 Background inpaint_background(Value image, Value disparity, Value disocclusion, Value hole,

@@ -27,8 +27,8 @@ namespace slide::graphs {
 Value estimate_disparity(Value image, const NetworkChoice& network);
 
 /// M: the saliency network's map at the photo's size. U²-Net's is computed at 320×320, min-max normalised and
-/// enlarged bilinearly as the authors do; slide_matte's is computed at 384 pixels on the longer side and
-/// enlarged by ops::guided_upsample.
+/// enlarged bilinearly as the authors do; slide_matte's is computed at 384 and 288 pixels on the longer
+/// side, M = M384 + smoothstep(mean of M288, 0.25, 0.4)·(M288 - M384), and enlarged by ops::guided_upsample.
 /// @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value estimate_matte(Value image, const NetworkChoice& network);
 
@@ -45,9 +45,10 @@ Value trimap(Value saliency);
 /// @param two_chan_trimap  1×2×H×W of zeros and ones;  @return 1×6×H×W
 Value trimap_transform(Value two_chan_trimap);
 
-/// The saliency network's map refined by FBA matting at the photo's size: alpha, and exactly 0 and 1 in the
-/// sure regions of trimap(), as the authors' demo has it. Sides are padded to multiples of 8 by the border
-/// pixel at the bottom and right, and cut again, where the authors resample.
+/// The saliency network's map refined at the photo's size. By slide_rim, at up to 1536 pixels on the longer
+/// side: larger photos are reduced to that, and the result enlarged by ops::guided_upsample. Or by FBA matting:
+/// alpha, and exactly 0 and 1 in the sure regions of trimap(), as the authors' demo has it. Sides are padded to
+/// multiples of 8 by the border pixel at the bottom and right, and cut again, where FBA's authors resample.
 /// @param image  1×3×H×W in [0, 1];  @param saliency  1×1×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 /// Throws Error(kUsage) if the model is no matting network.
 Value refine_matte(Value image, Value saliency, const NetworkChoice& network);

@@ -186,6 +186,7 @@ void check_idle(const CLI::App& app, const Options& o) {
       refuse(option, "--depth " + o.depth + " takes the network's place");
   if (!depth_is_file(o)) refuse("--depth-kind", "it is for --depth FILE");
   if (o.inpaint_model == kFillAlone) refuse("--inpaint-weights", "--inpaint-model fill has none");
+  if (o.matting_model == kMatteAsItIs) refuse("--matting-weights", "--matting-model none has none");
   if (!makes_page(o))
     for (const char* option : {"--title", "--alt"}) refuse(option, "no output is a page (.html)");
   if (!moves(o))

@@ -74,7 +74,8 @@ void declare_input(CLI::App& app, Options& o) {
 }
 
 void declare_networks(CLI::App& app, Options& o) {
-  const char* group = "Networks (default: slide_depth, slide_inpaint and slide_matte inside this program)";
+  const char* group =
+      "Networks (default: slide_depth, slide_inpaint, slide_matte and slide_rim inside this program)";
   const auto network = [&](const char* role, std::string& weights, std::string& model, const char* models) {
     const std::string flag = std::string("--") + role;
     app.add_option(flag + "-weights", weights,
@@ -98,7 +99,8 @@ void declare_networks(CLI::App& app, Options& o) {
   network("inpaint", o.inpaint_weights, o.inpaint_model,
           "slide_inpaint, inpaint_coarse, inpaint_deepfill; fill: none, the depth-aware fill alone");
   network("saliency", o.saliency_weights, o.saliency_model, "slide_matte, u2net, u2netp");
-  network("matting", o.matting_weights, o.matting_model, "fba, which refines the matte of --matte auto");
+  network("matting", o.matting_weights, o.matting_model,
+          "slide_rim, fba, which refine the matte of --matte auto; none: the saliency network's as it is");
 }
 
 void declare_output(CLI::App& app, Options& o) {

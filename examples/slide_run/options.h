@@ -12,6 +12,8 @@ namespace slide::run {
 
 /// What --inpaint-model says instead of a network: the depth-aware fill alone.
 inline constexpr const char* kFillAlone = "fill";
+/// --matting-model: the saliency network's matte as it is.
+inline constexpr const char* kMatteAsItIs = "none";
 
 /// Everything that slide_run's command line can say. Defaults are those that --help shows.
 struct Options {

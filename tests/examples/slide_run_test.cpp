@@ -126,6 +126,24 @@ TEST_CASE("the network inside inpaints, or the fill alone") {
   CHECK(inpainting({"--inpaint-model", "fill"}) == "fill");
 }
 
+TEST_CASE("slide_matte's matte is refined by the network inside, another's is not, and none by choice") {
+  const TemporaryFolder folder;
+  const Scene scene(folder);
+  const auto refines = [&](const std::vector<std::string>& more) {
+    std::vector<std::string> call = {scene.photo,          "--matte", "auto", "--plan",
+                                     "--saliency-weights", "formula"};
+    call.insert(call.end(), more.begin(), more.end());
+    const ProgramResult result = slide_run(call);
+    REQUIRE_MESSAGE(result.code == 0, result.errors);
+    CHECK(contains(result.output, "saliency: "));
+    return contains(result.output, "matting: ");
+  };
+  CHECK(refines({}) == !default_weights("slide_rim").empty());
+  CHECK_FALSE(refines({"--matting-model", "none"}));
+  CHECK_FALSE(refines({"--saliency-model", "u2netp"}));
+  CHECK(refines({"--saliency-model", "u2netp", "--matting-weights", "formula", "--matting-model", "fba"}));
+}
+
 TEST_CASE("the depth map that a phone has put into a JPEG is used when asked for, and told of when not") {
   const TemporaryFolder folder;
   const Scene scene(folder);
@@ -329,6 +347,7 @@ TEST_CASE("wrong calls are refused with exit code 2 before any work") {
       // contradictory, or without effect
       {scene.photo, "--saliency-weights", "formula"},
       {scene.photo, "--matting-model", "fba"},
+      {scene.photo, "--matte", "auto", "--matting-model", "none", "--matting-weights", "formula"},
       {scene.photo, "--depth", scene.depth, "--depth-weights", "formula"},
       {scene.photo, "--depth-kind", "depth"},
       {scene.photo, "--depth-edges", "soft"},

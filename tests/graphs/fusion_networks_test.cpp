@@ -159,6 +159,14 @@ TEST_CASE("slide_inpaint keeps no ReLU, no resizing and no concatenation within 
   CHECK_FALSE(after.contains("resize"));
 }
 
+TEST_CASE("slide_rim keeps no ReLU, no resizing and no concatenation within its network") {
+  const Counts after = counts_fused("slide_rim", 64, 64);
+  CHECK(after.at("conv2d") == 13);
+  CHECK(after.at("concat") == 1);  // its input
+  CHECK(after.at("resize") == 4);  // colours nearby
+  CHECK_FALSE(after.contains("relu"));
+}
+
 // Group norm depends on the image; what follows it is computed with it. The three sums are of the output.
 TEST_CASE("fba keeps no activation beside its convolutions and group norms" * doctest::skip(quick())) {
   const Counts after = counts_fused("fba", 16, 24);

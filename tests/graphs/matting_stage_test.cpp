@@ -129,6 +129,50 @@ TEST_CASE("a refined matte is exactly 0 and 1 where the trimap is sure, and in [
   CHECK(difference < 1.6e-5);
 }
 
+namespace {
+
+/// slide_rim's weights, its last layer a constant change of the log odds.
+WeightMap constant_rim(double change) {
+  const auto file = SafetensorsFile::open(SLIDE_TEST_DATA "/../../weights/slide_rim.safetensors");
+  WeightMap weights;
+  for (const std::string& name : file.names()) weights.set(name, file.tensor(name));
+  weights.set("conv13.weight", Tensor::zeros(DType::kF64, file.tensor("conv13.weight").shape()));
+  Tensor bias = Tensor::zeros(DType::kF64, {1});
+  bias.mutable_data<double>()[0] = change;
+  weights.set("conv13.bias", bias);
+  return weights;
+}
+
+}  // namespace
+
+TEST_CASE("slide_rim takes a photo of any size, and where it changes nothing the matte stays") {
+  const WeightMap weights = constant_rim(0);
+  Graph g;
+  build_refinement(g, {"slide_rim", &weights});
+  const Tensor alpha = run_fast(g, weights, {{"image", texture()}, {"saliency", ramp()}}, "M");
+  REQUIRE(alpha.shape() == Shape{1, 1, kHeight, kWidth});
+  // p and the odds are rounded to float32, a few times, and what comes of them is stretched by 1 / 0.96.
+  CHECK(max_abs_difference(alpha, ramp()) <= 1e-6);
+}
+
+TEST_CASE("slide_rim works on large photos reduced, and its matte comes back at the photo's size") {
+  constexpr std::int64_t kLong = 3072;  // twice what it works at
+  const WeightMap weights = constant_rim(std::log(24.0));
+  Graph g;
+  g.output("M", refine_matte(g.input("image", {1, 3, 32, kLong}), g.input("saliency", {1, 1, 32, kLong}),
+                             {"slide_rim", &weights}));
+  std::int64_t widest = 0;
+  for (const Node& node : g.nodes())
+    if (node.shape.rank() == 4 && node.shape[1] == 16) widest = std::max(widest, node.shape[3]);
+  CHECK(widest == kLong / 2);  // the network's last features
+  Tensor image = Tensor::zeros(DType::kF32, {1, 3, 32, kLong});
+  std::ranges::fill(image.mutable_data<float>(), 0.5F);
+  const Tensor alpha = run_fast(
+      g, weights, {{"image", image}, {"saliency", Tensor::zeros(DType::kF32, {1, 1, 32, kLong})}}, "M");
+  // Odds of 2 : 98, times 24, are 24 : 49.
+  for (const float a : alpha.data<float>()) REQUIRE(std::abs(a - (24.0 / 73 - 0.02) / 0.96) <= 1e-5);
+}
+
 TEST_CASE("a network that is none for matting is refused by name") {
   const FormulaWeights weights = FormulaWeights::made_up();
   Graph g;

@@ -89,7 +89,8 @@ struct Expectation {
 constexpr Expectation kExpectations[] = {{"slide_depth", 1.2, 10},
                                          {"slide_matte", 1.2, 40},
                                          {"inpaint_coarse", 1.2, 28},
-                                         {"slide_inpaint", 1.2, 28}};
+                                         {"slide_inpaint", 1.2, 28},
+                                         {"slide_rim", 1.2, 40}};
 
 bool same_bytes(const Tensor& a, const Tensor& b) {
   return a.bytes() == b.bytes() && std::memcmp(a.raw().data(), b.raw().data(), a.bytes()) == 0;

@@ -1,12 +1,14 @@
 #include <doctest/doctest.h>
 
 #include <algorithm>
+#include <cmath>
 #include <string>
 #include <vector>
 
 #include "graphs/slide_depth.h"
 #include "graphs/slide_inpaint.h"
 #include "graphs/slide_matte.h"
+#include "graphs/slide_rim.h"
 #include "graphs/stages.h"
 #include "ops/fill/fill.h"
 #include "ops/pointwise/pointwise.h"
@@ -36,11 +38,14 @@ void build(Graph& g, const std::string& model) {
     g.output("0", slide_depth(map("photo", 3)));
   else if (model == "slide_matte")
     g.output("0", slide_matte(map("photo", 3)));
+  else if (model == "slide_rim")
+    g.output("0", slide_rim(ops::affine(map("photo", 3), 0.5, 0.5), map("coarse", 1)));
   else
     g.output("0", slide_inpaint(map("rgbd", 4), map("disparity", 1), map("hole", 1)));
 }
 
 NamedTensors inputs(const SafetensorsFile& file, const std::string& model) {
+  if (model == "slide_rim") return {{"photo", file.tensor("photo")}, {"coarse", file.tensor("coarse")}};
   if (model != "slide_inpaint") return {{"photo", file.tensor("photo")}};
   return {
       {"rgbd", file.tensor("rgbd")}, {"disparity", file.tensor("disparity")}, {"hole", file.tensor("hole")}};
@@ -50,7 +55,7 @@ NamedTensors inputs(const SafetensorsFile& file, const std::string& model) {
 
 TEST_CASE("the default networks with the default weights agree with PyTorch in float64") {
   const SafetensorsFile file = golden();
-  for (const char* model : {"slide_depth", "slide_matte", "slide_inpaint"}) {
+  for (const char* model : {"slide_depth", "slide_matte", "slide_inpaint", "slide_rim"}) {
     CAPTURE(model);
     Graph g;
     build(g, model);
@@ -73,7 +78,8 @@ TEST_CASE("slide_matte's matte at the photo's size agrees with PyTorch and the g
   const Tensor wanted = file.tensor("matte_stage");
   Graph g;
   const Value photo = g.input("photo", {1, 3, 64, 96});
-  g.output("M", estimate_matte(ops::affine(photo, 0.5, 0.5), {"slide_matte", &weights}));
+  const Value part = ops::slice(ops::slice(photo, 2, 12, 60), 3, 20, 84);  // the disc fills a third of it
+  g.output("M", estimate_matte(ops::affine(part, 0.5, 0.5), {"slide_matte", &weights}));
   FastExecutor run(g, weights);
   run.run({{"photo", file.tensor("photo")}});
   // float32's roundings in the network, as above; the guided filter is in float64.
@@ -175,6 +181,40 @@ TEST_CASE(
   CHECK(difference(0, "network", "fill") <= 1e-12);
   CHECK(difference(-50, "network", "fill") > 0.1);
   CHECK(difference(50, "colours", "picture") <= 1e-12);
+}
+
+TEST_CASE(
+    "slide_rim leaves the matte as it is where its last layer says nothing, and can turn what is sure") {
+  const SafetensorsFile file = golden();
+  const SafetensorsFile given = SafetensorsFile::open(SLIDE_TEST_DATA "/../../weights/slide_rim.safetensors");
+  Graph g;
+  build(g, "slide_rim");
+  const auto matte = [&](double change) {
+    WeightMap weights;
+    for (const std::string& name : given.names()) weights.set(name, given.tensor(name));
+    weights.set("conv13.weight", Tensor::zeros(DType::kF64, given.tensor("conv13.weight").shape()));
+    Tensor bias = Tensor::zeros(DType::kF64, {1});
+    bias.mutable_data<double>()[0] = change;
+    weights.set("conv13.bias", bias);
+    ReferenceExecutor run(g, weights);
+    run.run(inputs(file, "slide_rim"));
+    return run.tensor("0").clone();
+  };
+  const Tensor coarse = file.tensor("coarse").to(DType::kF64);
+  CHECK(max_abs_difference(matte(0), coarse) <= 1e-14);
+  const Tensor none = matte(-50), all = matte(50);
+  CHECK(max_abs(none) == 0);
+  for (const double m : all.data<double>()) REQUIRE(m == 1);
+  // By log(24), p = 0.02 of a matte of 0 becomes 0.02·24 / (0.02·24 + 0.98) = 24/73.
+  const double wanted = (24.0 / 73 - 0.02) / 0.96;
+  const Tensor raised = matte(std::log(24.0));
+  std::size_t empty = 0;
+  for (std::size_t i = 0; i < static_cast<std::size_t>(coarse.count()); ++i) {
+    if (coarse.data<double>()[i] != 0) continue;
+    ++empty;
+    REQUIRE(raised.data<double>()[i] == doctest::Approx(wanted).epsilon(1e-12));
+  }
+  CHECK(empty > 100);
 }
 
 TEST_CASE("with a matte the fill has no foreground where disparity's edge is inside the foreground") {
@@ -314,4 +354,6 @@ TEST_CASE("the default networks refuse sizes they cannot take") {
   const Value odd = g.input("odd", {1, 4, 63, 64});
   const Value map = g.input("map", {1, 1, 63, 64});
   CHECK_THROWS_WITH_AS((void)slide_inpaint(odd, map, map), doctest::Contains("multiples of 8"), Error);
+  const Value rgb = g.input("rgb", {1, 3, 63, 64});
+  CHECK_THROWS_WITH_AS((void)slide_rim(rgb, map), doctest::Contains("multiples of 8"), Error);
 }

@@ -18,6 +18,8 @@ from guided import MATTE_RADIUS, guided_upsample  # noqa: E402
 from inpaint_net import InpaintNet  # noqa: E402
 from make_fill import save  # noqa: E402
 from matte_net import MatteNet  # noqa: E402
+from rim_net import RimNet  # noqa: E402
+from train_matte import LARGE, SMALL, WHOLE, blended, input_size  # noqa: E402
 
 H, W = 64, 96
 
@@ -34,9 +36,12 @@ def single(v):
 
 
 def matte_stage(photo):
-    """graphs/stages' matte of a photo in [0, 1]: 384 pixels on the longer side, enlarged with the photo as guide."""
-    small = F.interpolate(photo, size=(256, 384), mode='bicubic', align_corners=False)
-    matte = torch.sigmoid(net(MatteNet, 'slide_matte')(small)[0])
+    """graphs/stages' matte of a photo in [0, 1]: at 384 and 288 pixels on the longer side, enlarged with the photo as guide."""
+    sized = lambda *size: F.interpolate(photo, size=size, mode='bicubic', align_corners=False)
+    small, network = sized(*input_size(*photo.shape[2:])), net(MatteNet, 'slide_matte')
+    fine, whole = (torch.sigmoid(network(v)[0]) for v in (small, sized(*input_size(*photo.shape[2:], WHOLE))))
+    assert SMALL + .02 < whole.mean() < LARGE - .02  # a bit of both
+    matte = blended(fine, whole)
     picture = lambda v: v[0].permute(1, 2, 0).numpy()
     return torch.from_numpy(guided_upsample(matte[0, 0].numpy(), picture(small), picture(photo), MATTE_RADIUS).clip(0, 1))[None, None]
 
@@ -55,8 +60,11 @@ def main():
     out = {k: v.float() for k, v in {'photo': rgbd[:, :3], 'disparity': d, 'hole': hole, 'rgbd': rgbd}.items()}
     out['slide_depth'] = net(DepthNet, 'slide_depth')(rgbd[:, :3])[:, None]
     out['slide_matte'] = torch.sigmoid(net(MatteNet, 'slide_matte')(rgbd[:, :3] / 2 + .5)[0])
-    out['matte_stage'] = matte_stage(rgbd[:, :3] / 2 + .5)
+    out['matte_stage'] = matte_stage(rgbd[:, :3, 12:60, 20:84] / 2 + .5)
     out['slide_inpaint'] = net(InpaintNet, 'slide_inpaint')(rgbd, d, hole)
+    coarse = single(np.clip((.4 - np.hypot(x - .78, y - .52)) / .2, 0, 1))[None, None]
+    out['coarse'] = coarse.float()
+    out['slide_rim'] = net(RimNet, 'slide_rim')(rgbd[:, :3] / 2 + .5, coarse)
     save(sys.argv[2], out)
     print({k: float(v.abs().max()) for k, v in out.items()})
 

@@ -5,10 +5,11 @@
   evaluate.py inpaint --cache CACHE --weights slide_inpaint.safetensors [--views VIEWS] [--sheet OUT.png]
                       [--matte-weights slide_matte.safetensors] [--depth-weights slide_depth.safetensors]
   evaluate.py matte   --cache CACHE --weights slide_matte.safetensors   [--alphamatting FOLDER] [--u2netp FOLDER] [--sheet OUT.png]
+                      [--rim-weights slide_rim.safetensors]
 
 VIEWS holds rectified stereo scenes (left.png, right.png, disparity.png, scene.json), FOLDER alphamatting.com's GTnn_image.jpg and
-GTnn_alpha.png; With
---matte-weights the fill gets slide_matte's matte, too, and with --depth-weights a second round of composites has slide_depth's
+GTnn_alpha.png, and other photos with alpha
+under other names. With --rim-weights the mattes are refined by slide_rim. With --matte-weights the fill gets slide_matte's matte, too, and with --depth-weights a second round of composites has slide_depth's
 disparity. --u2netp photos beside the maps that U2-NetP's authors published of them. Networks see pictures as the runtime gives them: the longer side 384 pixels, both multiples of 32.
 """
 import argparse
@@ -30,8 +31,9 @@ from guided import MATTE_RADIUS, guided_upsample
 from inpaint_data import InpaintData, finished, layering
 from inpaint_net import InpaintNet
 from matte_net import MatteNet
+from rim_net import RimNet, refined
 from train_depth import evaluate_wild
-from train_matte import input_size, predict
+from train_matte import coarse_matte, input_size, predict
 
 
 def load(net, path):
@@ -106,10 +108,10 @@ def held_subjects(cache):
     return [(photos[i], mattes[i]) for i in np.load(cache + '/held.npy') if subject[i] == 2]
 
 
-def alphamatting(folder, scale=1):
-    """alphamatting.com's photos (RGB) and alphas (bytes)."""
+def alphamatting(folder, scale=1, names='GT*'):
+    """alphamatting.com's photos (RGB) and alphas (bytes), or other names'."""
     read = lambda f: cv2.resize(cv2.imread(f), None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return [(read(f)[..., ::-1].copy(), read(f.replace('image.jpg', 'alpha.png'))[..., 0]) for f in sorted(glob.glob(folder + '/GT*_image.jpg'))]
+    return [(read(f)[..., ::-1].copy(), read(f.replace('image.jpg', 'alpha.png'))[..., 0]) for f in sorted(glob.glob(f'{folder}/{names}_image.jpg'))]
 
 
 def boundaries(estimate, pairs, side):
@@ -305,14 +307,11 @@ def composites(a, net, matting, samples):
 
 # ---- mattes
 
-@torch.no_grad()
-def matte_of(net, image, side=384, guided=True):
+def matte_of(net, image, guided=True):
     """At the photo's size, as graphs/stages makes it; without guide enlarged bilinearly."""
     if not guided:
-        return predict(net, image, 'cpu', side)
-    h, w = input_size(*image.shape[:2], side)
-    small = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC)
-    y = torch.sigmoid(net(torch.from_numpy(small.transpose(2, 0, 1)[None].astype(np.float32) / 255))[0])
+        return predict(net, image, 'cpu')
+    y, small = coarse_matte(net, image)
     return guided_upsample(y[0, 0].double().numpy(), small / 255, image / 255, MATTE_RADIUS).clip(0, 1)
 
 
@@ -322,18 +321,21 @@ def gradient_error(a, m):
 
 def matte(a):
     net = load(MatteNet(), a.weights)
+    rim = load(RimNet(), a.rim_weights) if a.rim_weights else None
     photos, mattes = Ragged(a.cache + '/photos'), Ragged(a.cache + '/mattes')
     pairs = [(photos[i], mattes[i] / 255) for i in np.load(a.cache + '/held.npy')]
     sets = {'held-out photos': pairs}
     if a.alphamatting:
         for name, scale in (('alphamatting, half size', .5), ('alphamatting, full size', 1)):
             sets[name] = [(image, m / 255) for image, m in alphamatting(a.alphamatting, scale)]
+        sets['others with alpha, full size'] = [(image, m / 255) for image, m in alphamatting(a.alphamatting, 1, '[!G]*')]
     for name, pairs in sets.items():
         flat = np.mean([(np.abs(m.mean() - m).mean(), gradient_error(m * 0, m)) for _, m in pairs], 0)
-        for how, guided in (('', True), (', bilinear', False)):
+        for how, guided in (('', True), (', bilinear', False)) if rim is None else ((', refined', True),):
             rows = []
             for image, m in pairs:
                 y = matte_of(net, image, guided=guided)
+                y = y if rim is None else refined(rim, image, y)
                 union = ((y > .5) | (m > .5)).sum()
                 rows.append((np.abs(y - m).mean(), gradient_error(y, m), ((y > .5) & (m > .5)).sum() / union if (m > .5).mean() > .02 else np.nan))
             e, g, i = np.nanmean(rows, 0)
@@ -379,6 +381,7 @@ if __name__ == '__main__':
     p.add_argument('--u2netp')
     p.add_argument('--matte-weights')
     p.add_argument('--depth-weights')
+    p.add_argument('--rim-weights')
     p.add_argument('--sheet')
     arguments = p.parse_args()
     torch.set_num_threads(1)

@@ -16,6 +16,8 @@ from common import Ragged, arguments, load_safetensors, resume, train
 from matte_data import MatteData
 from matte_net import NETS
 
+WHOLE = 288  # pixels of the longer side at which subjects are seen whole
+SMALL, LARGE = .25, .4  # parts of the photo that a matte covers there: up to the one it is taken from 384 pixels, from the other on from 288
 EARLY = [(.6, 192, 256, 8), (.25, 256, 192, 8), (.15, 256, 352, 4)]
 LATE = [(.35, 192, 256, 8), (.15, 256, 192, 8), (.5, 288, 384, 4)]
 
@@ -51,19 +53,34 @@ def input_size(h, w, side=384):
 
 
 @torch.no_grad()
-def predict(net, image, device, side=384):
-    h, w = input_size(*image.shape[:2], side)
-    x = torch.from_numpy(cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC).transpose(2, 0, 1)[None].astype(np.float32) / 255)
-    alpha = torch.sigmoid(net(x.to(device))[0].float())
+def coarse_matte(net, image, device='cpu'):
+    """-> the matte as the runtime finds it, 1 x 1 x h x w, and the photo at that size, bytes; image: bytes"""
+    def found(side):
+        h, w = input_size(*image.shape[:2], side)
+        small = cv2.resize(image, (w, h), interpolation=cv2.INTER_CUBIC)
+        return torch.sigmoid(net(torch.from_numpy(small.transpose(2, 0, 1)[None].astype(np.float32) / 255).to(device))[0].float()), small
+
+    (fine, small), (whole, _) = found(384), found(WHOLE)
+    return blended(fine, whole), small
+
+
+def blended(fine, whole):
+    """A subject that fills the photo is found whole at the size of the crops that the network has learnt from; small ones need more pixels."""
+    t = ((whole.mean() - SMALL) / (LARGE - SMALL)).clamp(0, 1)
+    return fine + t * t * (3 - 2 * t) * (F.interpolate(whole, size=fine.shape[2:], mode='bilinear', align_corners=False) - fine)
+
+
+def predict(net, image, device):
+    alpha, _ = coarse_matte(net, image, device)
     return F.interpolate(alpha, size=image.shape[:2], mode='bilinear', align_corners=False)[0, 0].cpu().numpy()
 
 
-def evaluate(net, cache, device, side=384, limit=None):
+def evaluate(net, cache, device, limit=None):
     """Held-out photos: mean absolute error, mean gradient error, intersection over union at one half."""
     photos, mattes, held = Ragged(cache + '/photos'), Ragged(cache + '/mattes'), np.load(cache + '/held.npy')
     error, gradient, iou = [], [], []
     for i in held[:limit]:
-        a, m = predict(net, photos[i], device, side), mattes[i].astype(np.float32) / 255
+        a, m = predict(net, photos[i], device), mattes[i].astype(np.float32) / 255
         error.append(np.abs(a - m).mean())
         gradient.append(np.mean([np.abs(np.diff(a - m, axis=k)).mean() for k in (0, 1)]))
         if (m > .5).mean() > .02:

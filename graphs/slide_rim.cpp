@@ -1,0 +1,109 @@
+#include "graphs/slide_rim.h"
+
+#include <string_view>
+
+#include "graphs/layers.h"
+#include "ops/pointwise/pointwise.h"
+#include "ops/pool/pool.h"
+#include "ops/reduce/reduce.h"
+#include "ops/resize/resize.h"
+#include "ops/tensor_shape/tensor_shape.h"
+
+namespace slide::graphs {
+namespace {
+
+/// The probability of subject that a matte of 0 stands for, and of background that 1 does: so the network can
+/// change what the coarse matte is sure of.
+constexpr double kDoubt = 0.02;
+constexpr std::int64_t kWidth = 16;  // features at half the size
+constexpr std::int64_t kMultiple = 8;
+
+/// A matte above 1 - 1/kSure shows the subject's colours, below 1/kSure the background's.
+constexpr double kSure = 5;
+/// Nearby is a window of kCells × kCells cells of kCell pixels a side.
+constexpr std::int64_t kCell = 8;
+constexpr std::int64_t kCells = 7;
+constexpr double kNone = 0.01;  // so much of nearby has no colour
+
+/// The mean colour of what is nearby and of one kind, and how much there is of it.
+struct Nearby {
+  Value colour;  ///< 1×3×H×W
+  Value amount;  ///< 1×1×H×W in [0, 1]
+};
+
+/// @param weight  1×1×H×W in [0, 1]: which pixels are of that kind
+Nearby nearby(Value image, Value weight) {
+  const auto spread = [](Value x) {
+    const Value cells = ops::avg_pool2d(x, {.kernel = {kCell, kCell}, .stride = {kCell, kCell}});
+    constexpr std::int64_t kPad = kCells / 2;
+    return ops::avg_pool2d(cells, {.kernel = {kCells, kCells},
+                                   .stride = {1, 1},
+                                   .padding = {kPad, kPad, kPad, kPad},
+                                   .count_include_pad = true});
+  };
+  const auto sized = [&](Value x) {
+    return ops::resize_bilinear(x, image.shape()[2], image.shape()[3], false);
+  };
+  const Value there = spread(weight);
+  const Value some = ops::affine(there, 1, kNone);
+  return {sized(ops::div(spread(ops::mul(image, weight)), some)), sized(ops::div(there, some))};
+}
+
+/// What the network sees, 1×8×H×W: the photo and the matte in [-1, 1]; where each pixel's colour lies between
+/// those of background (-1/2) and subject (1/2) nearby, its squared distances to both, and theirs to each
+/// other, as far as there are both nearby.
+Value network_input(Value image, Value coarse) {
+  const Nearby front = nearby(image, ops::clip(ops::affine(coarse, kSure, 1 - kSure), 0, 1));
+  const Nearby back = nearby(image, ops::clip(ops::affine(coarse, -kSure, 1), 0, 1));
+  const Value both = ops::mul(front.amount, back.amount);
+  const auto mean_product = [](Value a, Value b) { return ops::reduce_mean(ops::mul(a, b), {1}); };
+  const auto square = [&](Value x) { return ops::affine(ops::mul(both, mean_product(x, x)), 4, 0); };
+  const Value step = ops::sub(front.colour, back.colour);
+  const Value from_back = ops::sub(image, back.colour);
+  const Value apart = ops::affine(mean_product(step, step), 1, kNone);
+  const Value way = ops::clip(ops::div(mean_product(from_back, step), apart), -0.5, 1.5);
+  return ops::concat(
+      {ops::affine(image, 2, -1), ops::affine(coarse, 2, -1), ops::mul(both, ops::affine(way, 1, -0.5)),
+       square(ops::sub(image, front.colour)), square(from_back), square(step)},
+      1);
+}
+
+Value layer(Value x, std::string_view name, const ConvLayer& convolution) {
+  return tapped(name, ops::relu(conv2d(x, name, convolution)));
+}
+
+/// Of a tensor of half the size, enlarged, and what is joined to it.
+Value joining_layer(Value half, Value other, std::string_view name, std::int64_t channels) {
+  return layer(ops::concat({ops::upsample_bilinear(half), other}, 1), name, {channels});
+}
+
+/// By how much the log odds of being the subject change.
+Value log_odds_change(Value x) {
+  const Value half = layer(layer(x, "conv1", {kWidth, 5, 2}), "conv2", {kWidth});
+  const Value quarter = layer(layer(half, "conv3", {2 * kWidth, 3, 2}), "conv4", {2 * kWidth});
+  Value y = layer(quarter, "conv5", {4 * kWidth, 3, 2});
+  y = layer(y, "conv6", {4 * kWidth});
+  y = layer(y, "conv7", {4 * kWidth, 3, 1, 2});
+  y = layer(y, "conv8", {4 * kWidth, 3, 1, 4});
+  y = layer(y, "conv9", {4 * kWidth, 3, 1, 8});
+  y = joining_layer(y, quarter, "conv10", 2 * kWidth);
+  y = joining_layer(y, half, "conv11", kWidth);
+  y = joining_layer(y, x, "conv12", kWidth);
+  return conv2d(y, "conv13", {1});
+}
+
+}  // namespace
+
+Value slide_rim(Value image, Value coarse) {
+  require_image("slide_rim", image, 3, kMultiple);
+  require_image("slide_rim", coarse, 1, kMultiple);
+  const Value change = log_odds_change(network_input(image, coarse));
+  // Odds p : 1 - p, times e^change, are those of p / (p + (1 - p)·e^-change).
+  const Value p = ops::affine(coarse, 1 - 2 * kDoubt, kDoubt);
+  const Value other = ops::mul(ops::affine(p, -1, 1), ops::exp(ops::affine(change, -1, 0)));
+  const Value moved = ops::div(p, ops::add(p, other));
+  return tapped("matte",
+                ops::clip(ops::affine(moved, 1 / (1 - 2 * kDoubt), -kDoubt / (1 - 2 * kDoubt)), 0, 1));
+}
+
+}  // namespace slide::graphs
