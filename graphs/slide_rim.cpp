@@ -15,6 +15,8 @@ namespace {
 /// The probability of subject that a matte of 0 stands for, and of background that 1 does: so the network can
 /// change what the coarse matte is sure of.
 constexpr double kDoubt = 0.02;
+/// Less than this probability of subject is a matte of 0, more than one minus it is 1: no haze stays.
+constexpr double kCertain = 0.08;
 constexpr std::int64_t kWidth = 16;  // features at half the size
 constexpr std::int64_t kMultiple = 8;
 
@@ -102,8 +104,8 @@ Value slide_rim(Value image, Value coarse) {
   const Value p = ops::affine(coarse, 1 - 2 * kDoubt, kDoubt);
   const Value other = ops::mul(ops::affine(p, -1, 1), ops::exp(ops::affine(change, -1, 0)));
   const Value moved = ops::div(p, ops::add(p, other));
-  return tapped("matte",
-                ops::clip(ops::affine(moved, 1 / (1 - 2 * kDoubt), -kDoubt / (1 - 2 * kDoubt)), 0, 1));
+  const double scale = 1 / (1 - 2 * kCertain);
+  return tapped("matte", ops::clip(ops::affine(moved, scale, -kCertain * scale), 0, 1));
 }
 
 }  // namespace slide::graphs

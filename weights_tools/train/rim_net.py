@@ -9,6 +9,7 @@ import torch.nn as nn
 import torch.nn.functional as F
 
 DOUBT = .02  # the probability of subject that a matte of 0 stands for, and of background that 1 does
+CERTAIN = .08  # less than this probability of subject is a matte of 0, more than one minus it is 1: no haze
 WIDTH = 16  # features at half the size
 MULTIPLE = 8  # of both sides
 SURE = 5.  # where a matte is above 1 - 1/SURE, or below 1/SURE, colours are the subject's, or the background's
@@ -87,11 +88,10 @@ class RimNet(nn.Module):
 
     @staticmethod
     def matte_of(odds):
-        """Not yet clipped to [0, 1]."""
-        return (torch.sigmoid(odds) - DOUBT) / (1 - 2 * DOUBT)
+        return ((torch.sigmoid(odds) - CERTAIN) / (1 - 2 * CERTAIN)).clamp(0, 1)
 
     def forward(self, rgb, coarse):
-        return self.matte_of(self.odds(rgb, coarse)).clamp(0, 1)
+        return self.matte_of(self.odds(rgb, coarse))
 
 
 def folded(weights, eps=1e-5):
