@@ -29,6 +29,10 @@ constexpr double kColourNoise = 2e-3;
 /// What a pixel's place says, against its colour: all of a window on one side, and the side it is on so far.
 constexpr double kPlace = 2;
 constexpr double kStay = 0.1;
+/// How far, of the longer side, the near side may grow over pixels that are unlike the background, and how many
+/// times the background's variance (and noise) the square of their difference is at least.
+constexpr double kGrowPart = 1.0 / 250;
+constexpr double kUnlike = 9;
 /// Weight of a pixel that no jump is near: nothing is divided by zero.
 constexpr double kLeastWeight = 1e-9;
 
@@ -149,6 +153,23 @@ Value snap(Value d, Value image) {
   return around.moved(d, majority);
 }
 
+/// Step 4.
+Value grow(Value d, Value image) {
+  const std::int64_t radius = pixels_of(d, kSnapPart);
+  const std::int64_t reach = pixels_of(d, kGrowPart);
+  const Surroundings around(d, radius);
+  const Value near = around.above_middle(d);
+  const Value grown = largest_around(near, reach);
+  const Value squares = sum_of_planes(ops::mul(image, image));
+  const SideColours back(image, squares, ops::mul(ops::affine(grown, -1, 1), around.jump), radius);
+  const Value unlike = ops::greater(ops::sub(squared_distance(image, back.mean),
+                                             ops::affine(back.variance, kUnlike, kUnlike * kColourNoise)),
+                                    0);
+  const Value joined = ops::maximum(near, ops::mul(grown, unlike));
+  const Value majority = ops::greater(mean_around(joined, pixels_of(d, kMedianPart)), 0.5);
+  return around.moved(d, ops::maximum(near, majority));
+}
+
 }  // namespace
 
 Value sharpen_edges(Value disparity, Value image) {
@@ -158,7 +179,7 @@ Value sharpen_edges(Value disparity, Value image) {
     const Surroundings around(d, pixels_of(d, kSteepenPart));
     d = around.moved(d, around.above_middle(d));
   }
-  return ops::clip(snap(d, image), 0, 1);
+  return ops::clip(grow(snap(d, image), image), 0, 1);
 }
 
 Jumps find_jumps(const Tensor& disparity) {

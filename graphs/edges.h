@@ -9,7 +9,7 @@ namespace slide::graphs {
 
 /// An estimated disparity whose edges are sharp and lie where the photo's are. A network's map, enlarged, has
 /// ramps of several pixels at a subject's outline; drawn from aside, they smear what should be cut. With W
-/// the longer side, three steps:
+/// the longer side, four steps:
 ///   1. The median over 2·round(W/500) + 1 pixels takes away specks and the photo's texture.
 ///   2. Twice: with lo and hi the extremes within r = round(W/160) pixels, every pixel moves to the nearer of
 ///      both (contrast enhancement; Kramer and Bruckner, "Iterations of a non-linear transformation for
@@ -23,7 +23,11 @@ namespace slide::graphs {
 ///     (|I - c_f|² - |I - c_n|²) / (|c_n - c_f|² + v_n + v_f + 0.002) + 2·s - 1 ± 0.1 > 0
 ///   (+ where it is near already) for most of the pixels in a window as in 1, else lo; by the part t again.
 ///   So the jump moves onto the photo's edge where both sides differ in colour, and stays where they do not.
-/// All values lie between the least and the largest D within W/60 and the windows of 1 and 2.
+///   4. A far pixel within round(W/250) pixels of the near side becomes near if its colour is not the
+///   background's, |I - c_f|² > 9·(v_f + 0.002) with c_f and v_f of the far pixels beyond that reach, and so
+///   are most in a window as in 1; by the part t. Outlines drawn in a colour of their own (a bowl's rim) and
+///   mixed pixels go with the subject as a whole.
+/// All values lie between the least and the largest D within twice W/60 and the windows of 1 and 2.
 /// @param disparity  1×1×H×W in [0, 1];  @param image  1×3×H×W in [0, 1];  @return 1×1×H×W in [0, 1]
 Value sharpen_edges(Value disparity, Value image);
 

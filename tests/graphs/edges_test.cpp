@@ -67,6 +67,14 @@ TEST_CASE("the jump moves onto the photo's edge from up to four pixels away") {
   }
 }
 
+TEST_CASE("a thin line between both sides goes with the near one, not into a busy background") {
+  const Tensor disparity = columns(1, [](double x) { return ramp(x, 239.5, 8); });
+  const auto line = [](double x) { return x >= 238 && x < 240 ? 0.1 : 0.8; };
+  CHECK(crossing(sharpened(disparity, columns(3, line))) == 238);
+  const auto busy = [](double x) { return x >= 240 ? 0.5 : std::fmod(x, 4) < 2 ? 0.1 : 0.9; };
+  CHECK(crossing(sharpened(disparity, columns(3, busy))) == 240);
+}
+
 TEST_CASE("a smooth slope stays what it is, whatever the photo shows") {
   // 0.03 over the widest window of 17 pixels would count as a slope still; this is half of that.
   const Tensor slope = columns(1, [](double x) { return 0.1 + 0.015 * x / 16; });
