@@ -99,10 +99,10 @@ double fraction_above(const Tensor& map, float threshold) {
 }
 
 /// D by the network.
-Tensor estimate(const StageContext& context, const Tensor& image, SlideReport& report) {
+Tensor estimate(const StageContext& context, const Tensor& image, StageReport& report) {
   Stage stage("depth", context, context.models.depth);
   stage.run({{"image", image}}, depth_builder(image.shape(), context.models.depth));
-  report.stages.push_back(stage.report());
+  report = stage.report();
   Tensor disparity = stage.take("D");
   require_finite("network's disparity", disparity, ErrorKind::kInternal);
   return disparity;
@@ -142,7 +142,8 @@ void require_depth_network(const SlideModels& models) {
 void find_disparity(const SlideInput& input, const StageContext& context, SlideLayers& out) {
   const bool given = !input.disparity.empty();
   if (!given) require_depth_network(context.models);
-  out.disparity = given ? take_given(input, context, out.report) : estimate(context, input.image, out.report);
+  out.disparity = given ? take_given(input, context, out.report)
+                        : estimate(context, input.image, out.report.stages.emplace_back());
   out.report.relief = max_abs(out.disparity) > 0;
 }
 
