@@ -145,8 +145,9 @@ double cancelling(const KernelTask& task, const Squares& squares) {
   return beyond > 8 ? 0 : std::max(1.0, beyond);
 }
 
-/// In place of a scale that is NaN or infinite, beside what is, the largest that is finite.
+/// In place of a scale that is NaN or infinite, the largest that is finite; nothing is judged where none is.
 void make_finite(std::span<double> scale) {
+  if (std::ranges::none_of(scale, [](double s) { return std::isfinite(s); })) return;
   const double largest = largest_finite(scale);
   for (double& s : scale)
     if (!std::isfinite(s)) s = largest;
