@@ -443,7 +443,7 @@ TEST_CASE("lower precisions predict a larger error, a budget bounds it, and the 
   CHECK(fp32["name"] == "depth");
   CHECK(fp32["bf16_layers"] == 0);
   CHECK(fp32["int8_layers"] == 0);
-  CHECK(fp32["predicted_error"] < 1e-5);
+  CHECK(fp32["predicted_error"] < 2e-5);  // roundings of the network and of what sharpens edges
   const nlohmann::json bf16 = depth_stage({"--precision", "bf16"});
   const nlohmann::json int8 = depth_stage({"--precision", "int8"});
   // Where lower precisions are emulated, they save nothing and no plan takes them.
