@@ -17,7 +17,8 @@ namespace slide::graphs {
 namespace {
 
 constexpr int kSweeps = 4;
-constexpr double kGap = 1.0 / 16;  // disparity behind the front from which a pixel is background
+constexpr double kGap = 1.0 / 16;        // disparity behind the front from which a pixel is background
+constexpr std::int64_t kJumpReach = 12;  // of the margin: within them lies what a jump falls to
 constexpr double kRest = 1e-11;
 constexpr std::int64_t kReach = 4;    // pixels: within them the largest disparity is the cover's
 constexpr double kLeast = 1.0 / 128;  // smallest step of disparity that counts
@@ -74,7 +75,8 @@ Value weight_by_network(Value rgb, Value disparity, Value behind, Value weight, 
 /// The fill, with weights by disparity or corrected by the network.
 Value fill(Value rgbd, Value disparity, Value hole, const FillSources& sources, bool network) {
   const Value rgb = ops::slice(rgbd, 1, 0, 3);
-  const Value behind = ops::push_pull_fill(disparity, background_weight(disparity, hole), kSweeps);
+  const Value behind = ops::push_pull_fill(
+      disparity, background_weight(disparity, hole, kJumpReach * sources.margin), kSweeps);
   const Value plain = colour_weight(disparity, behind);
   std::optional<Value> kept;
   if (sources.margin > 0) kept = kept_beside_margin(plain, sources.margin);
@@ -90,10 +92,14 @@ Value fill(Value rgbd, Value disparity, Value hole, const FillSources& sources, 
 
 }  // namespace
 
-Value background_weight(Value disparity, Value hole) {
-  const Value front = ops::push_pull_fill(disparity, hole, 0);
-  const Value behind = ops::clip(ops::affine(ops::sub(front, disparity), 1 / kGap, 0), 0, 1);
-  return ops::clip(ops::mul(ops::affine(hole, -1, 1), behind), kRest, 1);
+Value background_weight(Value disparity, Value hole, std::int64_t reach) {
+  const Value depth = ops::sub(ops::push_pull_fill(disparity, hole, 0), disparity);
+  const auto behind = [&] {
+    if (reach == 0) return ops::affine(depth, 1 / kGap, 0);
+    const Value jump = ops::clip(largest_around(depth, reach), kGap, 1);
+    return ops::affine(ops::div(depth, jump), 8, -0.5);  // of the jump, from a sixteenth to three
+  };
+  return ops::clip(ops::mul(ops::affine(hole, -1, 1), ops::clip(behind(), 0, 1)), kRest, 1);
 }
 
 Value colour_weight(Value disparity, Value behind) {

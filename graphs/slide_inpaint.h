@@ -10,10 +10,12 @@ namespace slide::graphs {
 /// Which pixels show what lies behind the hole: 1 for background, 0 for the hole and for what covers it. The
 /// disparity of the hole's pixels (the front) is spread over the picture by a push-pull fill; a pixel belongs
 /// to the background as far as it is behind the front: (1 - hole)·clip(16·(front - disparity), 0, 1), and at
-/// least 1e-11, so that there is a fill also where nothing lies behind.
+/// least 1e-11, so that there is a fill also where nothing lies behind. With a reach, in pixels, what counts is
+/// how far behind it is beside the deepest within the reach, d: clip(8·(front - disparity)/max(d, 1/16) - 1/2,
+/// 0, 1), so that a subject's own relief is not taken for what it covers.
 /// @param disparity  D1, 1×1×H×W in [0,1]
 /// @param hole       1×1×H×W, 1 inside the hole
-Value background_weight(Value disparity, Value hole);
+Value background_weight(Value disparity, Value hole, std::int64_t reach = 0);
 
 /// Which pixels have the background's colour, whether or not they are in the hole: by where their disparity
 /// lies between that of the background and what covers it nearby, w = (disparity - behind) / max(max of
@@ -33,7 +35,8 @@ struct SubjectMatte {
 /// Where the fill may take its colours from, beside what disparity tells.
 struct FillSources {
   std::optional<SubjectMatte> matte = {};
-  /// Pixels beside what is no source that count little, where no matte is followed: fill_margin().
+  /// Pixels beside what is no source that count little, where no matte is followed: fill_margin(). Twelve times
+  /// as far is background_weight()'s reach.
   std::int64_t margin = 0;
 };
 

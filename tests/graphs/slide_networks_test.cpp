@@ -115,6 +115,30 @@ TEST_CASE("the weights of the background and the fill agree with PyTorch in floa
   }
 }
 
+TEST_CASE("with a reach, a subject's own relief is not what it covers") {
+  Graph g;
+  const Value d = g.input("d", {1, 1, 1, 24});
+  const Value hole = g.input("hole", {1, 1, 1, 24});
+  g.output("plain", background_weight(d, hole));
+  g.output("reaching", background_weight(d, hole, 12));
+  // The background, the rim that covers it, and a hollow of the subject a little behind its rim.
+  std::vector<double> disparity(24, 0.1), in_hole(24, 0.0);
+  std::fill(disparity.begin() + 8, disparity.begin() + 12, 0.9);
+  std::fill(disparity.begin() + 12, disparity.end(), 0.86);
+  std::fill(in_hole.begin() + 8, in_hole.begin() + 12, 1.0);
+  const Shape row{1, 1, 1, 24};
+  ReferenceExecutor run(g, WeightMap());
+  run.run({{"d", Tensor::from(row, std::span<const double>(disparity))},
+           {"hole", Tensor::from(row, std::span<const double>(in_hole))}});
+  const auto at = [&](const char* name, std::size_t i) { return run.tensor(name).data<double>()[i]; };
+  for (const char* name : {"plain", "reaching"}) {
+    CHECK(at(name, 4) == 1);
+    CHECK(at(name, 10) == 1e-11);
+  }
+  CHECK(at("plain", 16) == doctest::Approx(16 * 0.04));
+  CHECK(at("reaching", 16) == 1e-11);
+}
+
 TEST_CASE("a matte replaces the disparity's outline as far as it is followed") {
   constexpr double kRest = 1e-11;
   Graph g;
