@@ -136,12 +136,11 @@ PlannedStage plan_stage(std::string name, const SlideOptions& options, const Bui
   build(graph);
   planned.graph = ops::fuse(graph);
   const bool chosen = network.chosen();
-  planned.plan =
-      make_plan(*planned.graph, {.isa = options.isa,
-                                 .precision = chosen ? options.precision : Precision::kFp32,
-                                 .error_budget = chosen ? options.error_budget : 0,
-                                 .calibration = chosen ? network.weights->calibration() : nullptr,
-                                 .weights = chosen ? network.weights : nullptr});
+  planned.plan = make_plan(*planned.graph, {.isa = options.isa,
+                                            .precision = chosen ? options.precision : Precision::kFp32,
+                                            .error_budget = chosen ? options.error_budget : 0,
+                                            .calibration = chosen ? network.weights->calibration() : nullptr,
+                                            .weights = chosen ? network.weights : nullptr});
   count(*planned.graph, planned.plan, planned.report);
   return planned;
 }
