@@ -41,6 +41,10 @@ graphs::NetworkChoice NetworkFiles::open(const std::string& file, const std::str
   return {default_model, sources_.back().get()};
 }
 
+std::string default_refiner(const graphs::NetworkChoice& saliency) {
+  return saliency.model == "slide_matte" ? "slide_rim" : "fba";
+}
+
 std::string describe(const graphs::NetworkChoice& choice) {
   if (!choice.chosen()) return "none";
   const std::string source = choice.weights->description();

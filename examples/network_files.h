@@ -26,6 +26,10 @@ class NetworkFiles {
   std::vector<std::unique_ptr<WeightSource>> sources_;
 };
 
+/// The network whose weights refine a saliency network's mattes where none is asked for: slide_rim has learnt
+/// to correct slide_matte's, and no others'.
+[[nodiscard]] std::string default_refiner(const graphs::NetworkChoice& saliency);
+
 /// "slide_depth (built in)", "midas_v21 (midas.safetensors)"; "none".
 [[nodiscard]] std::string describe(const graphs::NetworkChoice& choice);
 

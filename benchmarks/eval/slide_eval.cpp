@@ -182,6 +182,7 @@ int run(CLI::App& app, int argc, char** argv) {
   settings.models.depth = files.open(a.depth_weights, "", "slide_depth", "depth");
   settings.models.inpaint = files.open(a.inpaint_weights, "", "slide_inpaint", "inpaint");
   settings.models.saliency = files.open(a.saliency_weights, "", "slide_matte", "saliency");
+  settings.models.matting = files.open("", "", default_refiner(settings.models.saliency), "matting");
   std::optional<SafetensorsWeights> lpips;
   if (!a.lpips.empty()) settings.lpips = &lpips.emplace(a.lpips);
   const std::vector<std::string> scenes = find_scenes(a.scenes);

@@ -33,8 +33,7 @@ void open_networks(const slide_settings& s, slide_model& model) {
   if (text(s.inpaint_weights) != "fill")
     models.inpaint = model.files.open(text(s.inpaint_weights), "", "slide_inpaint", "inpaint");
   models.saliency = model.files.open(text(s.matte_weights), "", "slide_matte", "saliency");
-  if (models.saliency.model == "slide_matte")  // whose mattes slide_rim has learnt to correct
-    models.matting = model.files.open("", "", "slide_rim", "matting");
+  models.matting = model.files.open("", "", slide::default_refiner(models.saliency), "matting");
   model.pipeline = std::make_unique<slide::graphs::Pipeline>(models);
 }
 

@@ -17,10 +17,9 @@ graphs::SlideModels open(const Options& o, NetworkFiles& files) {
     models.inpaint = files.open(o.inpaint_weights, o.inpaint_model, "slide_inpaint", "inpaint");
   if (o.matte == "auto") {
     models.saliency = files.open(o.saliency_weights, o.saliency_model, "slide_matte", "saliency");
-    // slide_rim has learnt to correct slide_matte's mattes, not others'.
-    const std::string matting = models.saliency.model == "slide_matte" ? "slide_rim" : "fba";
     if (o.matting_model != kMatteAsItIs)
-      models.matting = files.open(o.matting_weights, o.matting_model, matting, "matting");
+      models.matting =
+          files.open(o.matting_weights, o.matting_model, default_refiner(models.saliency), "matting");
   }
   return models;
 }
