@@ -5,12 +5,11 @@
 
 #include "graphs/layers.h"
 #include "graphs/neighbourhood.h"
+#include "graphs/unet.h"
 #include "ops/fill/fill.h"
 #include "ops/fill/mirror.h"
 #include "ops/layering/layering.h"
 #include "ops/pointwise/pointwise.h"
-#include "ops/pool/pool.h"
-#include "ops/resize/resize.h"
 #include "ops/tensor_shape/tensor_shape.h"
 
 namespace slide::graphs {
@@ -33,41 +32,17 @@ constexpr double kDetailLimit = 0.1;
 // The probabilities of background that weights of 0 and 1 stand for: what is doubtful gives no colour.
 constexpr double kLow = 0.35;
 constexpr double kHigh = 0.85;
-constexpr std::int64_t kWidth = 16;  // features at half the size
+constexpr std::int64_t kEighth = 48;  // channels of the U-Net at an eighth of the size, and on its way back
+constexpr std::int64_t kLast = 8;
 constexpr std::int64_t kMultiple = 8;
-
-Value layer(Value x, std::string_view name, const ConvLayer& convolution) {
-  return tapped(name, ops::relu(conv2d(x, name, convolution)));
-}
-
-/// Of a tensor of half the size, enlarged, and what is joined to it.
-Value joining_layer(Value half, Value other, std::string_view name, std::int64_t channels) {
-  return layer(ops::concat({ops::upsample_bilinear(half), other}, 1), name, {channels});
-}
-
-/// By how much the log odds of being background change.
-Value log_odds_change(Value x) {
-  const Value half = layer(layer(x, "conv1", {kWidth, 5, 2}), "conv2", {kWidth});
-  const Value quarter = layer(layer(half, "conv3", {2 * kWidth, 3, 2}), "conv4", {2 * kWidth});
-  Value y = layer(quarter, "conv5", {3 * kWidth, 3, 2});
-  y = layer(y, "conv6", {3 * kWidth});
-  y = layer(y, "conv7", {3 * kWidth, 3, 1, 2});
-  y = layer(y, "conv8", {3 * kWidth, 3, 1, 4});
-  y = layer(y, "conv9", {3 * kWidth, 3, 1, 8});
-  y = joining_layer(y, quarter, "conv10", 2 * kWidth);
-  y = joining_layer(y, half, "conv11", kWidth / 2);
-  y = joining_layer(y, x, "conv12", kWidth / 2);
-  return conv2d(y, "conv13", {1});
-}
 
 /// colour_weight(), as the network corrects it.
 Value weight_by_network(Value rgb, Value disparity, Value behind, Value weight, Value hole) {
   const Value smooth = ops::push_pull_fill(rgb, weight, kSweeps);
-  const Value change = log_odds_change(ops::concat({rgb, smooth, disparity, behind, weight, hole}, 1));
-  // Odds p : 1 - p, times e^change, are those of p / (p + (1 - p)·e^-change).
+  const Value change =
+      small_unet(ops::concat({rgb, smooth, disparity, behind, weight, hole}, 1), kEighth, kLast);
   const Value p = ops::affine(weight, kHigh - kLow, kLow);
-  const Value other = ops::mul(ops::affine(p, -1, 1), ops::exp(ops::affine(change, -1, 0)));
-  const Value moved = ops::div(p, ops::add(p, other));
+  const Value moved = moved_by_log_odds(p, change);
   return tapped("weight",
                 ops::clip(ops::affine(moved, 1 / (kHigh - kLow), -kLow / (kHigh - kLow)), kRest, 1));
 }

@@ -1,8 +1,7 @@
 #include "graphs/slide_rim.h"
 
-#include <string_view>
-
 #include "graphs/layers.h"
+#include "graphs/unet.h"
 #include "ops/pointwise/pointwise.h"
 #include "ops/pool/pool.h"
 #include "ops/reduce/reduce.h"
@@ -17,7 +16,8 @@ namespace {
 constexpr double kDoubt = 0.02;
 /// Less than this probability of subject is a matte of 0, more than one minus it is 1: no haze stays.
 constexpr double kCertain = 0.08;
-constexpr std::int64_t kWidth = 16;  // features at half the size
+constexpr std::int64_t kEighth = 64;  // channels of the U-Net at an eighth of the size, and on its way back
+constexpr std::int64_t kLast = 16;
 constexpr std::int64_t kMultiple = 8;
 
 /// A matte above 1 - 1/kSure shows the subject's colours, below 1/kSure the background's.
@@ -70,40 +70,14 @@ Value network_input(Value image, Value coarse) {
       1);
 }
 
-Value layer(Value x, std::string_view name, const ConvLayer& convolution) {
-  return tapped(name, ops::relu(conv2d(x, name, convolution)));
-}
-
-/// Of a tensor of half the size, enlarged, and what is joined to it.
-Value joining_layer(Value half, Value other, std::string_view name, std::int64_t channels) {
-  return layer(ops::concat({ops::upsample_bilinear(half), other}, 1), name, {channels});
-}
-
-/// By how much the log odds of being the subject change.
-Value log_odds_change(Value x) {
-  const Value half = layer(layer(x, "conv1", {kWidth, 5, 2}), "conv2", {kWidth});
-  const Value quarter = layer(layer(half, "conv3", {2 * kWidth, 3, 2}), "conv4", {2 * kWidth});
-  Value y = layer(quarter, "conv5", {4 * kWidth, 3, 2});
-  y = layer(y, "conv6", {4 * kWidth});
-  y = layer(y, "conv7", {4 * kWidth, 3, 1, 2});
-  y = layer(y, "conv8", {4 * kWidth, 3, 1, 4});
-  y = layer(y, "conv9", {4 * kWidth, 3, 1, 8});
-  y = joining_layer(y, quarter, "conv10", 2 * kWidth);
-  y = joining_layer(y, half, "conv11", kWidth);
-  y = joining_layer(y, x, "conv12", kWidth);
-  return conv2d(y, "conv13", {1});
-}
-
 }  // namespace
 
 Value slide_rim(Value image, Value coarse) {
   require_image("slide_rim", image, 3, kMultiple);
   require_image("slide_rim", coarse, 1, kMultiple);
-  const Value change = log_odds_change(network_input(image, coarse));
-  // Odds p : 1 - p, times e^change, are those of p / (p + (1 - p)·e^-change).
+  const Value change = small_unet(network_input(image, coarse), kEighth, kLast);
   const Value p = ops::affine(coarse, 1 - 2 * kDoubt, kDoubt);
-  const Value other = ops::mul(ops::affine(p, -1, 1), ops::exp(ops::affine(change, -1, 0)));
-  const Value moved = ops::div(p, ops::add(p, other));
+  const Value moved = moved_by_log_odds(p, change);
   const double scale = 1 / (1 - 2 * kCertain);
   return tapped("matte", ops::clip(ops::affine(moved, scale, -kCertain * scale), 0, 1));
 }

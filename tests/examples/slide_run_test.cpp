@@ -49,6 +49,18 @@ struct Scene {
   std::string photo, depth;
 };
 
+/// Where a scene's disc, the reddest there is, has its middle in the 96 columns from x0 on.
+double disc(const Image& image, int x0) {
+  double sum = 0;
+  double count = 0;
+  for (int x = 0; x < 96; ++x)
+    if (image.at(x0 + x, 32, 0) > 0.7F) {
+      sum += x;
+      ++count;
+    }
+  return sum / count;
+}
+
 }  // namespace
 
 TEST_CASE(
@@ -669,17 +681,6 @@ TEST_CASE("stereo stills have the shape they should, and the left eye sees what 
   CHECK(still("half-sbs", "h.png").width == 96);
   CHECK(still("tb", "t.png").height == 128);
   CHECK(still("half-tb", "ht.png").height == 64);
-  // Where the disc, the reddest there is, has its middle.
-  const auto disc = [](const Image& image, int x0) {
-    double sum = 0;
-    double count = 0;
-    for (int x = 0; x < 96; ++x)
-      if (image.at(x0 + x, 32, 0) > 0.7F) {
-        sum += x;
-        ++count;
-      }
-    return sum / count;
-  };
   CHECK(disc(sbs, 0) > disc(sbs, 96) + 2);
   const Image cross = still("cross", "c.png");
   CHECK(disc(cross, 0) == disc(sbs, 96));
@@ -705,17 +706,6 @@ TEST_CASE("a stereo video has both eyes in each frame, and the layers for all of
   CHECK(report["parallax_pixels"].get<double>() == doctest::Approx(0.08 * 96));
   const auto frame = [&](int i) {
     return read_photo(folder.file("frames/frame_000" + std::to_string(i) + ".png")).colour;
-  };
-  // Where the disc, the reddest there is, has its middle.
-  const auto disc = [](const Image& image, int x0) {
-    double sum = 0;
-    double count = 0;
-    for (int x = 0; x < 96; ++x)
-      if (image.at(x0 + x, 32, 0) > 0.7F) {
-        sum += x;
-        ++count;
-      }
-    return sum / count;
   };
   REQUIRE((frame(0).width == 192 && frame(0).height == 64));
   CHECK(!fs::exists(folder.file("frames/frame_0004.png")));
