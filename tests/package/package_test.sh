@@ -58,6 +58,8 @@ PKG_CONFIG_PATH=$(dirname "$(find "$prefix" -name slide.pc)")
 export PKG_CONFIG_PATH
 link=""
 [ "$static" = OFF ] || link=-static
+# Where both libraries are installed, the linker takes the shared one, which is in no folder of the system's here.
+[ -z "$shared" ] || link="-Wl,-rpath,$(dirname "$shared")"
 # shellcheck disable=SC2046,SC2086  # lists of words
 "$cc" $(pkg-config --cflags slide) "$source/use.c" -o "$work/use_pkg_config" $link $(pkg-config --static --libs slide)
 "$work/use_pkg_config" "$work/pkg_config.html"
@@ -71,8 +73,8 @@ for example in example camera_stream; do
 done
 "$work/c_camera_stream" 2 32 24 | grep -q 'frame  1:.*prepared before' || fail "the second frame was prepared anew"
 if [ -n "$shared" ]; then
-  # shellcheck disable=SC2046  # a list of words
-  "$cc" "$source/use.c" $(pkg-config --cflags --libs slide) -Wl,-rpath,"$(dirname "$shared")" -o "$work/use_shared"
+  # shellcheck disable=SC2046,SC2086  # lists of words
+  "$cc" "$source/use.c" $(pkg-config --cflags --libs slide) $link -o "$work/use_shared"
   "$work/use_shared" "$work/pkg_config_shared.html"
   readelf -d "$work/use_shared" | grep -q 'NEEDED.*libslide.so.0.2' || fail "pkg-config --libs does not take libslide.so"
 fi
